@@ -1,0 +1,1 @@
+"""The learners of A. Borji's thesis (2009): decision trees over *where to look*, grown from reward."""

@@ -1,0 +1,298 @@
+"""The only door to pixels, and the meter on it (thesis eq. 8.1).
+
+A method reads an image through a `Retina` (one image, NumPy) or a `TensorRetina`
+(a batch, torch, differentiable in the place). Each reading is entered in a
+`Ledger`, under *selection* (finding where to look) or *recognition* (what is
+computed at the places chosen), with the number of values taken in at the
+resolution at which they are taken in. `meter()` collects the ledgers of
+everything read inside it, whatever the method:
+
+>>> with meter() as cost:
+...     retina = Retina(np.zeros((480, 640, 3), np.uint8))
+...     patch = retina.window((320, 240), 100)
+...     coarse = retina.glance(32)
+>>> cost.recognition, cost.selection, cost.processed
+(10000, 1024, 11024)
+
+While a meter runs nobody may answer from memory: code that memoises across
+images asks `metering()` first. A reported cost is therefore always cold.
+
+Deviation from the thesis: (1) it compares costs in words, here they are counted;
+(2) the thesis ignores the pixels that *choosing* costs, here they are a ledger
+of their own.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import torch
+from torch.nn import functional as F
+
+Stage = Literal["selection", "recognition"]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One act of reading: the native rectangle it depends on and the values taken in.
+
+    `left, top, right, bottom` are native pixels, right and bottom exclusive.
+    """
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    values: int
+    stage: Stage
+
+
+@dataclass(slots=True)
+class Ledger:
+    """What has been read of one image of `width` × `height` pixels, and the work done on it."""
+
+    width: int
+    height: int
+    readings: list[Reading] = field(default_factory=list)
+    operations: Counter[str] = field(default_factory=Counter)
+
+    def enter(self, left: int, top: int, right: int, bottom: int, values: int, stage: Stage) -> None:
+        """Enter one reading (native pixels, right and bottom exclusive)."""
+        self.readings.append(Reading(left, top, right, bottom, values, stage))
+
+    def values(self, stage: Stage) -> int:
+        """Values taken in by one stage."""
+        return sum(reading.values for reading in self.readings if reading.stage == stage)
+
+    @property
+    def touched(self) -> int:
+        """Distinct native pixels that any reading depends on."""
+        mask = np.zeros((self.height, self.width), bool)
+        for r in self.readings:
+            mask[r.top : r.bottom, r.left : r.right] = True
+        return int(mask.sum())
+
+
+@dataclass(slots=True)
+class Meter:
+    """The ledgers of everything read inside one `meter()`; figures are sums over them."""
+
+    ledgers: list[Ledger] = field(default_factory=list)
+
+    @property
+    def selection(self) -> int:
+        """Values read to find where to look."""
+        return sum(ledger.values("selection") for ledger in self.ledgers)
+
+    @property
+    def recognition(self) -> int:
+        """Values read at the places chosen."""
+        return sum(ledger.values("recognition") for ledger in self.ledgers)
+
+    @property
+    def processed(self) -> int:
+        """Selection plus recognition."""
+        return self.selection + self.recognition
+
+    @property
+    def touched(self) -> int:
+        """Distinct native pixels that anything depended on."""
+        return sum(ledger.touched for ledger in self.ledgers)
+
+    @property
+    def fraction(self) -> float:
+        """`pixel_fraction`: values processed over the pixels of the images read; 0 if none was read."""
+        area = sum(ledger.width * ledger.height for ledger in self.ledgers)
+        return self.processed / area if area else 0.0
+
+    @property
+    def operations(self) -> Counter[str]:
+        """Work done by name (`macs`, `filter_taps`, `descriptor_operations`, `distance_operations`, …)."""
+        total: Counter[str] = Counter()
+        for ledger in self.ledgers:
+            total.update(ledger.operations)
+        return total
+
+
+_METER: ContextVar[Meter | None] = ContextVar("meter", default=None)
+
+
+@contextmanager
+def meter() -> Iterator[Meter]:
+    """Count every pixel read inside the block; nothing may be memoised meanwhile."""
+    running = Meter()
+    token = _METER.set(running)
+    try:
+        yield running
+    finally:
+        _METER.reset(token)
+
+
+def metering() -> bool:
+    """Whether a meter is running, that is, whether answers must be computed afresh."""
+    return _METER.get() is not None
+
+
+def _open_ledger(width: int, height: int) -> Ledger:
+    ledger = Ledger(width, height)
+    running = _METER.get()
+    if running is not None:
+        running.ledgers.append(ledger)
+    return ledger
+
+
+def _place(center: tuple[float, float], size: int, width: int, height: int) -> tuple[int, int, int, int]:
+    """The rectangle of a `size`-pixel window at `center`, shifted to lie inside the image."""
+    w, h = min(size, width), min(size, height)
+    left = min(max(round(center[0] - w / 2), 0), width - w)
+    top = min(max(round(center[1] - h / 2), 0), height - h)
+    return left, top, left + w, top + h
+
+
+class Retina:
+    """Reads one image and enters what it reads.
+
+    Args:
+        image: `(H, W, 3)` or `(H, W)` uint8.
+
+    Attributes:
+        ledger: what has been read so far.
+        computed: results that later steps of the *same* look may reuse without
+            reading again (the SIFT features of the whole image, say). It lives and
+            dies with the retina; a cold decision opens a new one.
+
+    Raises:
+        ValueError: the image is not uint8, not 2-D or 3-channel, or empty.
+    """
+
+    __slots__ = ("_image", "computed", "ledger")
+
+    def __init__(self, image: np.ndarray) -> None:
+        image = np.asarray(image)
+        colour = image.ndim == 3 and image.shape[2] == 3
+        if image.dtype != np.uint8 or not (colour or image.ndim == 2) or image.size == 0:
+            raise ValueError(
+                f"an image must be uint8 with shape (H, W, 3) or (H, W), not {image.dtype} {image.shape}"
+            )
+        self._image = image
+        self.ledger = _open_ledger(image.shape[1], image.shape[0])
+        self.computed: dict[Hashable, Any] = {}
+
+    @property
+    def width(self) -> int:
+        """Columns of the native image."""
+        return self._image.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Rows of the native image."""
+        return self._image.shape[0]
+
+    def window(
+        self, center: tuple[float, float], size: int, stage: Stage = "recognition", stride: int = 1
+    ) -> np.ndarray:
+        """The `size` × `size` window at `center` (x, y), shifted to lie inside the image.
+
+        `stride` n takes in every n-th pixel of each row and column. A window
+        larger than the image is the whole image.
+        """
+        left, top, right, bottom = _place(center, size, self.width, self.height)
+        patch = self._image[top:bottom:stride, left:right:stride]
+        self.ledger.enter(left, top, right, bottom, patch.shape[0] * patch.shape[1], stage)
+        return patch
+
+    def whole(self, stage: Stage = "recognition") -> np.ndarray:
+        """The whole image."""
+        self.ledger.enter(0, 0, self.width, self.height, self.width * self.height, stage)
+        return self._image
+
+    def glance(self, size: int, stage: Stage = "selection") -> np.ndarray:
+        """The whole image binned to `size` × `size` values; touches every pixel, takes in `size`²."""
+        self.ledger.enter(0, 0, self.width, self.height, size * size, stage)
+        return cv2.resize(self._image, (size, size), interpolation=cv2.INTER_AREA)
+
+    def count(self, **operations: int) -> None:
+        """Add work done, by name (`filter_taps=…`)."""
+        self.ledger.operations.update(operations)
+
+
+class TensorRetina:
+    """Reads a batch of images; windows are differentiable in their place.
+
+    Args:
+        images: `(B, C, H, W)` float tensor.
+
+    Ledgers are kept per image and only while a meter runs, so that training pays
+    nothing for them.
+    """
+
+    def __init__(self, images: torch.Tensor) -> None:
+        if images.ndim != 4 or not images.is_floating_point():
+            raise ValueError(
+                f"a batch must be float with shape (B, C, H, W), not {images.dtype} {tuple(images.shape)}"
+            )
+        self._images = images
+        self.height, self.width = int(images.shape[2]), int(images.shape[3])
+        self.ledgers = [_open_ledger(self.width, self.height) for _ in images] if metering() else []
+
+    def __len__(self) -> int:
+        return self._images.shape[0]
+
+    def whole(self, stage: Stage = "recognition") -> torch.Tensor:
+        """The whole images, `(B, C, H, W)`."""
+        for ledger in self.ledgers:
+            ledger.enter(0, 0, self.width, self.height, self.width * self.height, stage)
+        return self._images
+
+    def glance(self, size: int, stage: Stage = "selection") -> torch.Tensor:
+        """The images binned to `size` × `size`, `(B, C, size, size)`."""
+        for ledger in self.ledgers:
+            ledger.enter(0, 0, self.width, self.height, size * size, stage)
+        return F.interpolate(self._images, (size, size), mode="area")
+
+    def window(
+        self, places: torch.Tensor, size: int, stage: Stage = "recognition", scale: float = 1.0
+    ) -> torch.Tensor:
+        """Bilinear windows at `places`, `(B, C, size, size)`.
+
+        Args:
+            places: `(B, 2)` in [-1, 1], (x, y); ±1 puts the window at the border
+                of the image, never outside it.
+            size: values per side.
+            scale: native pixels per value; 2 covers twice the width at half the resolution.
+        """
+        extent_x, extent_y = min(1.0, size * scale / self.width), min(1.0, size * scale / self.height)
+        reach = places.new_tensor([1 - extent_x, 1 - extent_y])
+        centers = places * reach
+        steps = (torch.arange(size, device=places.device, dtype=places.dtype) + 0.5) * (2 / size) - 1
+        grid = torch.stack(torch.meshgrid(steps * extent_x, steps * extent_y, indexing="xy"), dim=-1)
+        self._enter_windows(centers, extent_x, extent_y, size, stage)
+        return F.grid_sample(
+            self._images,
+            centers[:, None, None, :] + grid,
+            mode="bilinear",
+            padding_mode="border",
+            align_corners=False,
+        )
+
+    def _enter_windows(
+        self, centers: torch.Tensor, extent_x: float, extent_y: float, size: int, stage: Stage
+    ) -> None:
+        if not self.ledgers:
+            return
+        for ledger, (x, y) in zip(self.ledgers, centers.detach().tolist(), strict=True):
+            ledger.enter(
+                max(int(np.floor((x - extent_x + 1) / 2 * self.width)), 0),
+                max(int(np.floor((y - extent_y + 1) / 2 * self.height)), 0),
+                min(int(np.ceil((x + extent_x + 1) / 2 * self.width)), self.width),
+                min(int(np.ceil((y + extent_y + 1) / 2 * self.height)), self.height),
+                size * size,
+                stage,
+            )
