@@ -138,9 +138,7 @@ class TableLearner(BaseAlgorithm):
         if not 0 <= gamma <= 1:
             raise ValueError(f"gamma is {gamma}; expected a discount factor in [0, 1]")
         if temperature is not None and temperature <= 0:
-            raise ValueError(
-                f"temperature is {temperature}; expected a positive number, or None for ε-greedy"
-            )
+            raise ValueError(f"temperature is {temperature}; expected a positive number or None")
         super().__init__(
             TablePolicy,
             env,
@@ -167,7 +165,7 @@ class TableLearner(BaseAlgorithm):
             return int(self.observation_space.n)
         raise ValueError(f"{type(self).__name__} needs Discrete observations, not {self.observation_space}")
 
-    def _perceive(self, observations: np.ndarray) -> np.ndarray:
+    def _perceive(self, observations: Any) -> np.ndarray:
         """Numbers `(n,)` that identify the percepts of a batch of observations."""
         return np.asarray(observations)
 
@@ -285,6 +283,7 @@ class TableLearner(BaseAlgorithm):
         while self.num_timesteps < total_timesteps and not self._finished():
             self._update_current_progress_remaining(self.num_timesteps, total_timesteps)
             actions = self._choose(self.values[self._rows(percepts)])
+            observations: Any
             observations, rewards, dones, infos = self.env.step(actions)
             self.num_timesteps += len(actions)
             if not self._continue(callback, locals()):
@@ -345,7 +344,7 @@ class TableLearner(BaseAlgorithm):
     # Files ----------------------------------------------------------------------------
 
     def save(self, path: str | Path, exclude: Any = None, include: Any = None) -> None:  # type: ignore[override]
-        """Write the model to `path`: JSON and arrays, no pickle. `.zip` is added to a bare name, as in SB3."""
+        """Write the model to `path`, JSON and arrays; `.zip` is added to a bare name, as in SB3."""
         state, arrays = self._state()
         meta = {
             "class": type(self).__name__,

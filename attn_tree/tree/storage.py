@@ -48,9 +48,7 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(info.file_size for info in archive.infolist()) > _MOST_BYTES:
-                raise ArchiveError(
-                    f"{path}: the archive claims more than {_MOST_BYTES >> 30} GiB; not opened"
-                )
+                raise ArchiveError(f"{path}: it claims more than {_MOST_BYTES >> 30} GiB; not opened")
             meta = json.loads(archive.read(_META))
             arrays = {
                 name.removesuffix(".npy"): np.load(io.BytesIO(archive.read(name)), allow_pickle=False)

@@ -1,0 +1,149 @@
+"""How much a leaf confuses, and how much a question would clear up (thesis 8.3.3, eq. 8.7–8.10).
+
+The evidence of a leaf is one number per distinct percept and action: the mean of
+Δ = r + γ max Q(next) over its repeats. Percepts whose Δ differ for one action are
+confused by the leaf.
+
+Deviations from eq. 8.10: (1) it prints argmin where the largest variance *reduction* is
+meant, and the first variance is taken per action as the second is; (2) percepts weigh
+the same however often they were met, so that a rare conflict counts; (3) questions with
+many answers are compared by leave-one-percept-out reduction, since many answers cut
+variance by chance alone; (4) the t-test (p < 0.05, printed as "power") is Welch's, over
+percepts rather than repeats, Holm-corrected for the number of questions, and defined
+where a group has no variance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+# A mean difference below this share of the larger magnitude is rounding, not conflict.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Δ of the distinct (percept, action) pairs remembered under one leaf; all arrays `(m,)`.
+
+    Attributes:
+        percepts: positions 0…P-1 among the leaf's distinct percepts.
+        actions: action of each pair.
+        means: mean Δ over its repeats.
+        noise: variance of Δ over its repeats.
+        counts: number of repeats.
+    """
+
+    percepts: np.ndarray
+    actions: np.ndarray
+    means: np.ndarray
+    noise: np.ndarray
+    counts: np.ndarray
+
+    @classmethod
+    def gather(cls, percepts: np.ndarray, actions: np.ndarray, deltas: np.ndarray) -> Evidence:
+        """Aggregate single transitions, all `(n,)`; percepts already numbered 0…P-1."""
+        n_actions = int(actions.max(initial=0)) + 1
+        pairs, inverse, counts = np.unique(
+            percepts * n_actions + actions, return_inverse=True, return_counts=True
+        )
+        means = np.bincount(inverse, deltas) / counts
+        noise = np.bincount(inverse, (deltas - means[inverse]) ** 2) / counts
+        return cls(pairs // n_actions, pairs % n_actions, means, noise, counts)
+
+    def of_action(self, action: int) -> np.ndarray:
+        """Positions of the pairs with this action."""
+        return np.flatnonzero(self.actions == action)
+
+
+def delta_variance(evidence: Evidence) -> float:
+    """The largest variance of Δ over percepts for one action: the aliasing of the leaf."""
+    return max(
+        (float(np.var(evidence.means[evidence.of_action(a)])) for a in set(evidence.actions)), default=0.0
+    )
+
+
+def variance_reductions(means: np.ndarray, answers: np.ndarray, cross_validated: bool) -> np.ndarray:
+    """Reduction of the variance of Δ by each question, for the pairs of one action.
+
+    Args:
+        means: `(m,)` mean Δ of distinct percepts.
+        answers: `(m, Q)` non-negative answers of these percepts to Q questions.
+        cross_validated: predict each percept's Δ from the *other* percepts with its answer
+            (from all others where none shares it) instead of from its group with itself in it.
+
+    Returns:
+        `(Q,)` var(Δ) − Σ_c p_c var(Δ_c), or its leave-one-out counterpart, which may be negative.
+    """
+    m, n_questions = answers.shape
+    centred = means - means.mean()
+    width = int(answers.max(initial=0)) + 1
+    groups = (answers + np.arange(n_questions) * width).ravel()
+    size = n_questions * width
+    repeated = np.repeat(centred, n_questions)
+    counts = np.bincount(groups, minlength=size).reshape(n_questions, width)
+    sums = np.bincount(groups, repeated, minlength=size).reshape(n_questions, width)
+    squares = np.bincount(groups, repeated**2, minlength=size).reshape(n_questions, width)
+    within = squares - sums**2 / np.maximum(counts, 1)
+    if not cross_validated or m < 2:
+        return np.var(means) - within.sum(axis=1) / m
+    parent = (m / (m - 1)) ** 2
+    # A residual to the mean of the others is n/(n-1) times the residual to the mean of all.
+    factor = np.where(counts > 1, (counts / np.maximum(counts - 1, 1)) ** 2, 0.0)
+    alone = np.where(counts == 1, squares * parent, 0.0)
+    return parent * np.var(means) - (within * factor + alone).sum(axis=1) / m
+
+
+def separation_p_value(evidence: Evidence, pairs: np.ndarray, groups: np.ndarray) -> float:
+    """p-value of the difference in Δ between one answer and all others, at its smallest over answers.
+
+    Args:
+        evidence: of the leaf.
+        pairs: `(m,)` positions of the pairs of one action.
+        groups: `(m,)` their answers; with more than two the p-value is Bonferroni-corrected.
+
+    Returns:
+        Welch's p-value. Where Δ never varies over the repeats of a percept, differences
+        between percepts are no chance: 0 if the groups' means differ at all, else 1. A group
+        of one percept borrows the variance of the other; two single percepts of noisy Δ give 1.
+    """
+    means = evidence.means[pairs]
+    scale = max(float(np.abs(means).max(initial=0.0)), 1.0)
+    repeated = evidence.counts[pairs] > 1
+    certain = repeated.any() and float(evidence.noise[pairs].max()) <= (_ROUNDING * scale) ** 2
+    answers = np.unique(groups)
+    smallest = 1.0
+    for answer in answers if len(answers) > 2 else answers[:1]:
+        inside, outside = means[groups == answer], means[groups != answer]
+        smallest = min(smallest, _welch(inside, outside, certain, scale))
+    return min(1.0, smallest * (len(answers) if len(answers) > 2 else 1))
+
+
+def _welch(a: np.ndarray, b: np.ndarray, certain: bool, scale: float) -> float:
+    difference = abs(float(a.mean() - b.mean()))
+    if difference <= _ROUNDING * scale:
+        return 1.0
+    if certain:
+        return 0.0
+    if len(a) == 1 and len(b) == 1:
+        return 1.0
+    var_a = float(a.var(ddof=1)) if len(a) > 1 else float(b.var(ddof=1))
+    var_b = float(b.var(ddof=1)) if len(b) > 1 else float(a.var(ddof=1))
+    if max(var_a, var_b) <= (_ROUNDING * scale) ** 2:
+        return 0.0
+    shares = np.array([var_a / len(a), var_b / len(b)])
+    freedom = shares.sum() ** 2 / sum(
+        share**2 / max(n - 1, 1) for share, n in zip(shares, (len(a), len(b)), strict=True)
+    )
+    return float(2 * stats.t.sf(difference / np.sqrt(shares.sum()), freedom))
+
+
+def holm(p_values: np.ndarray) -> np.ndarray:
+    """Holm's adjusted p-values for `(n,)` simultaneous tests, in the order given."""
+    order = np.argsort(p_values)
+    steps = p_values[order] * np.arange(len(p_values), 0, -1)
+    adjusted = np.empty_like(p_values)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted

@@ -1,0 +1,76 @@
+"""The best question for a leaf (thesis table 8.3, eq. 8.10 as put right in `criterion`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .criterion import Evidence, holm, separation_p_value, variance_reductions
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """A question worth asking: its position among the candidates and what it gains."""
+
+    question: int
+    action: int
+    reduction: float
+    p_value: float
+
+
+def best_split(
+    evidence: Evidence,
+    answers: np.ndarray,
+    *,
+    significance: float | None = None,
+    cross_validated: bool = True,
+    floor: float = 0.0,
+) -> Split | None:
+    """The candidate question that clears up most of a leaf's confusion, or None.
+
+    Args:
+        evidence: of the leaf, with P distinct percepts.
+        answers: `(P, Q)` answers of the percepts to Q candidate questions.
+        significance: largest Holm-adjusted p-value accepted; None asks for no test.
+        cross_validated: compare by leave-one-percept-out reduction. Where that finds no
+            question helpful (as when every answer is met once) plain reduction decides.
+        floor: smallest plain variance reduction worth a split.
+
+    Ties go to the first question and the lowest action.
+    """
+    plain: list[np.ndarray] = []
+    ranking: list[np.ndarray] = []
+    actions = np.unique(evidence.actions)
+    for action in actions:
+        pairs = evidence.of_action(int(action))
+        means, given = evidence.means[pairs], answers[evidence.percepts[pairs]]
+        plain.append(variance_reductions(means, given, cross_validated=False))
+        ranking.append(variance_reductions(means, given, cross_validated) if cross_validated else plain[-1])
+    reductions, ranks = np.array(plain), np.array(ranking)
+    usable = reductions > max(floor, 1e-12)
+    p_values = np.zeros_like(reductions)
+    if significance is not None and usable.any():
+        p_values = _p_values(evidence, answers, actions, usable)
+        usable &= p_values <= significance
+    if not usable.any():
+        return None
+    if not (ranks[usable] > 0).any():
+        ranks = reductions
+    ranks = np.where(usable, ranks, -np.inf)
+    row, question = np.unravel_index(int(np.argmax(ranks)), ranks.shape)
+    return Split(
+        int(question), int(actions[row]), float(reductions[row, question]), float(p_values[row, question])
+    )
+
+
+def _p_values(evidence: Evidence, answers: np.ndarray, actions: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Holm-adjusted p-values `(A, Q)`; questions that separate nothing count as tests with p = 1."""
+    raw = np.ones(usable.shape)
+    for row, action in enumerate(actions):
+        pairs = evidence.of_action(int(action))
+        for question in np.flatnonzero(usable[row]):
+            raw[row, question] = separation_p_value(
+                evidence, pairs, answers[evidence.percepts[pairs], question]
+            )
+    return holm(raw.ravel()).reshape(raw.shape)
