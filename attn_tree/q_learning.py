@@ -293,9 +293,9 @@ class TableLearner(BaseAlgorithm):
             if dones.any():
                 next_percepts, terminated = self._ends(upcoming, dones, infos)
             self._experience(percepts, actions, rewards, next_percepts, terminated)
+            self._last_obs, percepts = observations, upcoming
             if dones.any():
                 self._log_episodes(int(dones.sum()), log_interval)
-            self._last_obs, percepts = observations, upcoming
         callback.on_training_end()
         return self
 

@@ -70,21 +70,15 @@ def _mergeable(tree: Tree, values: list[np.ndarray], refused: set[int]) -> Node 
 
 def _drop_unvisited(tree: Tree, visited: set[int]) -> None:
     """Rule 2. A tree that nothing reaches is left alone: there is nothing to keep instead."""
-    if not visited.intersection(leaf.row for leaf in tree.leaves):
+    reached = {leaf for leaf in tree.leaves if leaf.row in visited}
+    if not reached:
         return
     for node in reversed(tree.nodes):  # level order reversed: children come before parents
         if node.is_leaf:
             continue
-        for answer, child in list(node.children.items()):
-            if child.is_leaf and child.row not in visited:
-                del node.children[answer]
+        node.children = {answer: child for answer, child in node.children.items() if child in reached}
+        if node.children:
+            reached.add(node)
         if len(node.children) == 1:
-            tree.replace(node, next(iter(node.children.values())))
-        elif not node.children:
-            node.question, node.row = None, next(iter(_rows_free(tree)))
-
-
-def _rows_free(tree: Tree) -> range:
-    """A row that no leaf uses, for a node whose every child was dropped; its parent drops it next."""
-    tree.rows += 1
-    return range(tree.rows - 1, tree.rows)
+            only = next(iter(node.children.values()))
+            tree.replace(node, only)

@@ -39,6 +39,8 @@ def best_split(
 
     Ties go to the first question and the lowest action.
     """
+    # Questions that part the percepts alike are one question (and one test): keep the first.
+    answers, first = _distinct(answers)
     plain: list[np.ndarray] = []
     ranking: list[np.ndarray] = []
     actions = np.unique(evidence.actions)
@@ -60,8 +62,18 @@ def best_split(
     ranks = np.where(usable, ranks, -np.inf)
     row, question = np.unravel_index(int(np.argmax(ranks)), ranks.shape)
     return Split(
-        int(question), int(actions[row]), float(reductions[row, question]), float(p_values[row, question])
+        int(first[question]),
+        int(actions[row]),
+        float(reductions[row, question]),
+        float(p_values[row, question]),
     )
+
+
+def _distinct(answers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The distinct columns of `answers` in order of first appearance, and their positions."""
+    _, first = np.unique(answers, axis=1, return_index=True)
+    first.sort()
+    return answers[:, first], first
 
 
 def _p_values(evidence: Evidence, answers: np.ndarray, actions: np.ndarray, usable: np.ndarray) -> np.ndarray:

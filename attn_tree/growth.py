@@ -1,0 +1,49 @@
+"""When and how a tree grows: the settings that the thesis leaves open, in one place (DESIGN §3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """Settings of the tree's growth.
+
+    Attributes:
+        mem_threshold: transitions a leaf must remember before it may split (thesis: memThreshold).
+        memory: "keep" a bounded memory across phases, or "clear" it after each, as the thesis does.
+        memory_size: most transitions remembered.
+        aliasing_threshold: largest variance of Δ under a leaf that is not aliased, in squared
+            reward; None scales it with the rewards met (see `relative_threshold`).
+        relative_threshold: with `aliasing_threshold=None`, the standard deviation of Δ that
+            counts as aliased, as a share of the range of rewards met.
+        significance: largest Holm-adjusted p-value of a split; None asks for no test.
+        cross_validated: compare questions by leave-one-percept-out variance reduction.
+        retries: how often new candidate questions are drawn in one phase for a leaf that none separates.
+        prune: let the policy walk a pruned copy of the tree.
+        leaf_values: "q" learns action values by Q-learning; "model" solves the leaf process
+            estimated from memory.
+        patience: phases in a row without an aliased leaf, and with a settled table, after which
+            learning stops.
+    """
+
+    mem_threshold: int = 20
+    memory: Literal["keep", "clear"] = "keep"
+    memory_size: int = 100_000
+    aliasing_threshold: float | None = None
+    relative_threshold: float = 0.02
+    significance: float | None = None
+    cross_validated: bool = True
+    retries: int = 5
+    prune: bool = True
+    leaf_values: Literal["q", "model"] = "q"
+    patience: int = 2
+
+    def __post_init__(self) -> None:
+        for name, allowed in {"memory": ("keep", "clear"), "leaf_values": ("q", "model")}.items():
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(allowed)}")
+        for name in ("mem_threshold", "memory_size", "patience"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; expected at least 1")

@@ -1,0 +1,385 @@
+"""The one learner of all attention trees: two alternating phases (thesis 3.3, 8.3.3, table 8.1).
+
+In the *RL-fixed* phase the agent acts and remembers; then leaves whose Δ = r + γ max Q(next)
+varies too much for one action are split by the question that clears up most of it. In the
+*Tree-fixed* phase the tree stands still and Q-learning updates the values of its leaves.
+Methods differ only in their `Vocabulary` of questions.
+
+Deviations: (1) a leaf remembers transitions and Δ is recomputed from the present values;
+(2) memory is kept across phases unless `Growth(memory="clear")`; (3) the aliasing threshold
+scales with the rewards by default; (4) a leaf that no question separates is *unsplittable*:
+reported, left alone until it meets new percepts, and no bar to stopping; (5) pruning works on
+a copy that the policy walks, and a step that changes the action for any remembered percept is
+undone; (6) learning also stops when nothing is aliased and the values have settled.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.preprocessing import is_image_space
+from stable_baselines3.common.type_aliases import GymEnv
+
+from attn_tree.growth import Growth
+from attn_tree.leaf_model import leaf_model_values
+from attn_tree.memory import Memory, Transitions
+from attn_tree.percepts import BankPercepts, Percepts, SeenPercepts
+from attn_tree.q_learning import TableLearner
+from attn_tree.tree.criterion import Evidence, delta_variance
+from attn_tree.tree.node import Node, Tree
+from attn_tree.tree.pruning import prune
+from attn_tree.tree.splitter import best_split
+from attn_tree.tree_policy import TreePolicy
+from attn_tree.vision.retina import Retina
+from attn_tree.vocabulary import Vocabulary
+
+# Images a vocabulary is prepared from; the thesis says "some random images".
+_PREPARE_IMAGES = 40
+# Values have settled when a Tree-fixed phase moves none by more than this share of the reward range.
+_SETTLED = 0.01
+
+
+class QuasiStaticLearner(TableLearner):
+    """Grows an attention tree from reward, as an SB3 algorithm.
+
+    Args:
+        env: Gymnasium environment, SB3 `VecEnv`, registered id, or None for a loaded model.
+            Observations are uint8 images, or numbers of the images in the environment's `bank`.
+        vocabulary: the questions that nodes may ask.
+        episodes_per_phase: episodes in each of the two phases (thesis: maxEpisodes).
+        growth: when and how the tree grows, see `Growth`.
+        **learner_settings: those of `TableLearner`.
+    """
+
+    policy: TreePolicy
+
+    def __init__(
+        self,
+        env: GymEnv | str | None,
+        vocabulary: Vocabulary,
+        *,
+        episodes_per_phase: int = 50,
+        growth: Growth | dict[str, Any] | None = None,
+        **learner_settings: Any,
+    ) -> None:
+        if episodes_per_phase < 1:
+            raise ValueError(f"episodes_per_phase is {episodes_per_phase}; expected at least 1")
+        self.vocabulary = vocabulary
+        self.episodes_per_phase = episodes_per_phase
+        self.growth = Growth(**growth) if isinstance(growth, dict) else growth or Growth()
+        super().__init__(env, **learner_settings)
+
+    # Set-up ---------------------------------------------------------------------------
+
+    def _setup_model(self) -> None:
+        self.phase = 0
+        self.aliased = 0
+        self.delta_variance = float("nan")
+        self.version = 0
+        self.grown_tree = Tree()
+        self._row_of = np.empty(0, np.int64)
+        self._memory = Memory(self.growth.memory_size)
+        self._remembering = True
+        self._episodes_in_phase = 0
+        self._quiet_phases = 0
+        self._values_before: np.ndarray | None = None
+        self._unsplittable: dict[int, frozenset[int]] = {}
+        self._percepts: Percepts = self._make_percepts()
+        super()._setup_model()
+
+    def _n_rows(self) -> int:
+        return self.grown_tree.rows
+
+    def _make_percepts(self) -> Percepts:
+        space = self.observation_space
+        if isinstance(space, spaces.Box) and is_image_space(space, check_channels=False):
+            return SeenPercepts(space)
+        if isinstance(space, spaces.Discrete):
+            return BankPercepts(self._bank_of_environment())
+        raise ValueError(
+            f"{type(self).__name__} looks at images: observations must be uint8 images (H, W, C), "
+            f"or numbers into the bank of an environment, not {space}"
+        )
+
+    def _bank_of_environment(self) -> np.ndarray:
+        if self.env is None:
+            return np.empty((0, 1, 1, 3), np.uint8)
+        try:
+            return self.env.get_attr("bank")[0]
+        except AttributeError:
+            raise ValueError(
+                f"observations are {self.observation_space} but the environment has no `bank` of images: "
+                "use an environment whose observations are images"
+            ) from None
+
+    def _make_policy(self) -> TreePolicy:
+        return TreePolicy(self)
+
+    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
+        """Go on in another environment; its bank replaces the old one."""
+        super().set_env(env, force_reset)
+        if isinstance(self._percepts, BankPercepts):
+            self._percepts = self._make_percepts()
+            self._row_of = np.empty(0, np.int64)
+            self.version += 1
+
+    def set_bank(self, images: np.ndarray) -> None:
+        """Let `predict` read its numbers in another bank, `(N, H, W, 3)` uint8; learning is not affected."""
+        self.policy.set_bank(images)
+
+    # The tree -------------------------------------------------------------------------
+
+    @property
+    def tree(self) -> Tree:
+        """The tree that decides: the pruned copy, or the grown tree when `Growth(prune=False)`."""
+        return self.policy.decision_tree
+
+    @property
+    def solved(self) -> bool:
+        """Whether nothing has been aliased, and values settled, for `Growth.patience` phases."""
+        return self._quiet_phases >= self.growth.patience
+
+    @property
+    def unsplittable(self) -> int:
+        """Leaves whose percepts differ in Δ but which no question separates."""
+        rows = {leaf.row for leaf in self.grown_tree.leaves}
+        return len(rows.intersection(self._unsplittable))
+
+    def _perceive(self, observations: Any) -> np.ndarray:
+        return self._percepts.numbers(observations)
+
+    def _rows(self, percepts: np.ndarray) -> np.ndarray:
+        highest = int(percepts.max(initial=-1))
+        if highest >= len(self._row_of):
+            grown = np.full(max(2 * len(self._row_of), highest + 1), -1, np.int64)
+            grown[: len(self._row_of)] = self._row_of
+            self._row_of = grown
+        rows = self._row_of[percepts]
+        if rows.min(initial=0) < 0:
+            for percept in np.unique(percepts[rows < 0]):
+                retina = self._percepts.retina(int(percept))
+                self._row_of[percept] = self._leaf(self.grown_tree, retina).row
+            rows = self._row_of[percepts]
+        return rows
+
+    def _leaf(self, tree: Tree, retina: Retina) -> Node:
+        """The leaf of `tree` that a lasting retina falls in; its answers are remembered."""
+
+        def answer(question: Any) -> int:
+            key = ("answer", question)
+            if key not in retina.computed:
+                retina.computed[key] = int(self.vocabulary.answer(question, retina))
+            return retina.computed[key]
+
+        return tree.walk(answer, self.vocabulary.nearest)
+
+    # Phases ---------------------------------------------------------------------------
+
+    def _experience(
+        self,
+        percepts: np.ndarray,
+        actions: np.ndarray,
+        rewards: np.ndarray,
+        next_percepts: np.ndarray,
+        terminated: np.ndarray,
+    ) -> None:
+        if self._remembering or self.growth.leaf_values == "model":
+            self._memory.add(Transitions(percepts, actions, rewards, next_percepts, terminated))
+        else:
+            super()._experience(percepts, actions, rewards, next_percepts, terminated)
+        self.version += 1
+
+    def _episodes_ended(self, count: int) -> None:
+        self._episodes_in_phase += count
+        if self._episodes_in_phase < self.episodes_per_phase:
+            return
+        self._episodes_in_phase = 0
+        if self._remembering:
+            self._refine()
+        self._remembering = not self._remembering
+
+    def _finished(self) -> bool:
+        return self.solved
+
+    def _refine(self) -> None:
+        """Split the aliased leaves by what is remembered; count the phase; log it."""
+        memory = self._memory.contents()
+        if not self.vocabulary.ready:
+            self._prepare(memory)
+        rows = self._rows(memory.percepts)
+        next_rows = self._rows(memory.next_percepts)
+        if self.growth.leaf_values == "model":
+            self.values = leaf_model_values(
+                rows, memory.actions, memory.rewards, next_rows, memory.terminated, self.values, self.gamma
+            )
+        future = np.where(memory.terminated, 0.0, self.values[next_rows].max(axis=1))
+        deltas = memory.rewards + self.gamma * future
+        spread = float(np.ptp(memory.rewards)) if len(memory) else 0.0
+        settled = self._settled(spread)
+        self.aliased, variances = 0, []
+        threshold = self._aliasing_threshold(spread)
+        for leaf in self.grown_tree.leaves:
+            mine = rows == leaf.row
+            variances.append(self._refine_leaf(leaf, memory, deltas, mine, threshold))
+        self.delta_variance = float(np.mean(variances))
+        self.phase += 1
+        self._quiet_phases = self._quiet_phases + 1 if self.aliased == 0 and settled else 0
+        self._forget(memory)
+        self._values_before = self.values.copy()
+        self.version += 1
+        self._log_phase()
+
+    def _aliasing_threshold(self, spread: float) -> float:
+        if self.growth.aliasing_threshold is not None:
+            return self.growth.aliasing_threshold
+        return (self.growth.relative_threshold * spread) ** 2
+
+    def _settled(self, spread: float) -> bool:
+        """Whether the last Tree-fixed phase left the values where they were."""
+        before, after = self._values_before, self.values
+        if before is None or before.shape != after.shape:
+            return False
+        return float(np.abs(after - before).max()) <= _SETTLED * spread
+
+    def _refine_leaf(
+        self, leaf: Node, memory: Transitions, deltas: np.ndarray, mine: np.ndarray, threshold: float
+    ) -> float:
+        """Split one leaf if it is aliased; returns the variance of Δ under it."""
+        percepts, positions = np.unique(memory.percepts[mine], return_inverse=True)
+        if len(percepts) == 0:
+            return 0.0
+        evidence = Evidence.gather(positions, memory.actions[mine], deltas[mine])
+        variance = delta_variance(evidence)
+        if int(mine.sum()) < self.growth.mem_threshold or variance <= threshold:
+            return variance
+        known = frozenset(percepts.tolist())
+        if self._unsplittable.get(leaf.row) == known:
+            return variance
+        counts = np.bincount(positions)
+        if self._split(leaf, percepts, counts, evidence):
+            self.aliased += 1
+        else:
+            self._unsplittable[leaf.row] = known
+        return variance
+
+    def _split(self, leaf: Node, percepts: np.ndarray, counts: np.ndarray, evidence: Evidence) -> bool:
+        """Ask the best of the candidate questions at `leaf`; False if none separates its percepts."""
+        retinas = [self._percepts.retina(int(percept)) for percept in percepts]
+        for _ in range(1 + (self.growth.retries if self.vocabulary.redraws else 0)):
+            questions = self.vocabulary.candidates(leaf, retinas, self.rng)
+            if not questions:
+                return False
+            answers = np.array([self.vocabulary.answers(questions, retina) for retina in retinas])
+            best = best_split(
+                evidence,
+                answers,
+                significance=self.growth.significance,
+                cross_validated=self.growth.cross_validated,
+            )
+            if best is not None:
+                break
+        else:
+            return False
+        given = answers[:, best.question]
+        row = leaf.row
+        visits = {int(a): int(counts[given == a].sum()) for a in np.unique(given)}
+        children = self.grown_tree.split(leaf, questions[best.question], visits)
+        inherited = np.repeat(self.values[row][None], len(children), axis=0)
+        self.values = np.concatenate([self.values, inherited])
+        self._unsplittable.pop(row, None)
+        self._row_of[self._row_of == row] = -1
+        return True
+
+    def _prepare(self, memory: Transitions) -> None:
+        """Give the vocabulary images to learn its words from: of the bank, else of those met so far."""
+        start = time.process_time()
+        if isinstance(self._percepts, BankPercepts):
+            met = np.arange(len(self._percepts.images))
+        else:
+            met = np.unique(np.concatenate([memory.percepts, memory.next_percepts]))
+        chosen = np.sort(self.rng.permutation(met)[:_PREPARE_IMAGES])
+        self.vocabulary.prepare([self._percepts.retina(int(i)).whole() for i in chosen], self.rng)
+        self.prepare_cpu_s += time.process_time() - start
+
+    def _forget(self, memory: Transitions) -> None:
+        if self.growth.memory == "clear":
+            self._memory.clear()
+        current = self._perceive(self._last_obs)
+        needed = np.concatenate([memory.percepts, memory.next_percepts, current])
+        self._percepts.keep(np.unique(needed).tolist())
+
+    def _log_phase(self) -> None:
+        tree = self.grown_tree
+        self.logger.record("tree/phase", self.phase)
+        self.logger.record("tree/leaves", len(tree.leaves))
+        self.logger.record("tree/depth", tree.depth)
+        self.logger.record("tree/aliased", self.aliased)
+        self.logger.record("tree/unsplittable", self.unsplittable)
+        self.logger.record("tree/delta_variance", self.delta_variance)
+        self.dump_logs()
+
+    # What the policy walks ------------------------------------------------------------
+
+    def decide(self) -> tuple[Tree, np.ndarray]:
+        """The tree and the values that the policy should use now: pruned, if asked for."""
+        if not self.growth.prune or len(self.grown_tree.leaves) == 1:
+            return self.grown_tree.copy(), self.values.copy()
+        memory = self._memory.contents()
+        percepts = np.unique(memory.percepts)
+        rows = self._rows(percepts)
+        before = self.values[rows].argmax(axis=1)
+        retinas = [self._percepts.retina(int(percept)) for percept in percepts]
+
+        def same_actions(tree: Tree, values: np.ndarray) -> bool:
+            found = [self._leaf(tree, retina).row for retina in retinas]
+            return bool((values[found].argmax(axis=1) == before).all())
+
+        return prune(self.grown_tree, self.values, set(rows.tolist()), same_actions)
+
+    # Files ----------------------------------------------------------------------------
+
+    def _settings(self) -> dict[str, Any]:
+        return {
+            **super()._settings(),
+            "episodes_per_phase": self.episodes_per_phase,
+            "growth": asdict(self.growth),
+        }
+
+    def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        words, word_arrays = self.vocabulary.state()
+        tree, values = self.policy.decision_tree, self.policy.decision_values
+        state = {
+            "phase": self.phase,
+            "grown_tree": self.grown_tree.to_json(),
+            "tree": tree.to_json(),
+            "vocabulary": words,
+        }
+        arrays = {"values": self.values, "decision_values": values}
+        arrays.update({f"vocabulary_{name}": array for name, array in word_arrays.items()})
+        if isinstance(self._percepts, BankPercepts):
+            # Percepts of other environments are numbers that mean nothing in another process.
+            arrays.update({f"memory_{name}": array for name, array in self._memory.arrays().items()})
+        return state, arrays
+
+    def _restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        super()._restore(meta, arrays)
+        self.phase = int(meta["phase"])
+        self.grown_tree = Tree.from_json(meta["grown_tree"], self.vocabulary.question_from_json)
+        self.vocabulary.restore(meta["vocabulary"], _with_prefix(arrays, "vocabulary_"))
+        tree = Tree.from_json(meta["tree"], self.vocabulary.question_from_json)
+        decisions = np.asarray(arrays["decision_values"], np.float64)
+        shape = (self.grown_tree.rows, int(self.action_space.n))  # type: ignore[attr-defined]
+        if self.values.shape != shape or decisions.shape != (tree.rows, shape[1]):
+            raise ValueError(f"a table of shape {self.values.shape} does not fit a tree of {shape[0]} rows")
+        self.policy.restore(tree, decisions)
+        columns = _with_prefix(arrays, "memory_")
+        if columns:
+            self._memory.restore(columns)
+
+
+def _with_prefix(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

@@ -1,0 +1,76 @@
+"""A vocabulary: the questions that the nodes of one method may ask. One learner, several vocabularies."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from attn_tree.tree.node import Node, Question
+from attn_tree.vision.retina import Retina
+
+
+class Vocabulary(ABC):
+    """What may be asked of a percept, and how it is answered from a retina.
+
+    A question is a hashable JSON value or a (named) tuple of them; an answer is a small
+    non-negative integer. Subclasses say in `redraws` whether `candidates` differ from
+    call to call, so that asking for more may help.
+    """
+
+    redraws: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def ready(self) -> bool:
+        """Whether `prepare` has been done, or is not needed."""
+
+    @abstractmethod
+    def prepare(self, images: Sequence[np.ndarray], rng: np.random.Generator) -> None:
+        """Learn what must be known before questions can be asked (a codebook, say)."""
+
+    @abstractmethod
+    def candidates(
+        self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator
+    ) -> Sequence[Question]:
+        """Questions that could split `leaf`, none asked above it; `retinas` show its percepts."""
+
+    @abstractmethod
+    def answer(self, question: Question, retina: Retina) -> int:
+        """The answer to one question, reading through the retina."""
+
+    def answers(self, questions: Sequence[Question], retina: Retina) -> np.ndarray:
+        """The answers `(Q,)` to several questions about one percept."""
+        return np.array([self.answer(question, retina) for question in questions])
+
+    def nearest(self, question: Question, answer: int, seen: Sequence[int]) -> int | None:
+        """Of the answers seen under a node, the one nearest to an unseen one; None if none is near."""
+        return None
+
+    @abstractmethod
+    def question_from_json(self, value: Any) -> Question:
+        """The question that was stored as the JSON `value`."""
+
+    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """What `prepare` learned, as JSON values and arrays."""
+        return {}, {}
+
+    def restore(self, state: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        """Take back what `state` gave."""
+        del state, arrays  # a vocabulary that learns nothing has nothing to take back
+
+    # For drawings ---------------------------------------------------------------------
+
+    def describe(self, question: Question) -> str:
+        """The question in a few words."""
+        return str(question)
+
+    def describe_answer(self, question: Question, answer: int) -> str:
+        """The answer in a word."""
+        return str(answer)
+
+    def picture(self, question: Question, retinas: Sequence[Retina]) -> np.ndarray | None:
+        """What a node looks at: a small image, `(h, w, 3)` or `(h, w)` uint8, or None."""
+        return None
