@@ -1,0 +1,1 @@
+"""Experiments as data: one file, one value named `STUDY`."""
