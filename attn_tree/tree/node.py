@@ -110,8 +110,8 @@ class Tree:
         self.rows += 1
 
     def replace(self, node: Node, child: Node) -> None:
-        """Put `child` (a child of `node`) in the place of `node`."""
-        child.parent = node.parent
+        """Put `child` (a child of `node`) in the place of `node`, and let it count for as many visits."""
+        child.parent, child.visits = node.parent, node.visits
         if node.parent is None:
             self.root = child
         else:

@@ -1,0 +1,220 @@
+"""Trees against direct computation: walks, numbers, pruning, criteria, files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from attn_tree.tree import Tree, best_split, prune
+from attn_tree.tree.criterion import Evidence, delta_variance, holm, separation_p_value, variance_reductions
+from attn_tree.tree.node import Node
+from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
+
+
+def random_tree(rng: np.random.Generator, splits: int) -> Tree:
+    """A tree whose questions are bit positions with up to four answers."""
+    tree = Tree()
+    for question in range(splits):
+        leaves = tree.leaves
+        leaf = leaves[rng.integers(len(leaves))]
+        tree.split(leaf, question, {int(a): int(rng.integers(1, 9)) for a in range(rng.integers(2, 5))})
+    return tree
+
+
+trees = st.builds(
+    lambda seed, splits: random_tree(np.random.default_rng(seed), splits),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 12),
+)
+
+
+@given(tree=trees, seed=st.integers(0, 1000))
+def test_a_walk_follows_the_answers(tree: Tree, seed: int) -> None:
+    answers = np.random.default_rng(seed).integers(0, 2, 20)  # every node has answers 0 and 1
+    leaf = tree.walk(lambda question: int(answers[question]))
+    node = leaf
+    while node.parent is not None:
+        assert node.parent.children[int(answers[node.parent.question])] is node
+        node = node.parent
+    assert node is tree.root and leaf.is_leaf
+
+
+@given(tree=trees)
+def test_figures_of_a_tree(tree: Tree) -> None:
+    inside = [node for node in tree.nodes if not node.is_leaf]
+    assert len(tree.leaves) == 1 + sum(len(node.children) - 1 for node in inside)
+    assert tree.depth == pytest.approx(np.mean([len(leaf.path_questions()) for leaf in tree.leaves]))
+    depths = [node.depth for node in tree.nodes]
+    assert depths == sorted(depths)  # level order
+    assert sorted(tree.level_order_numbers()) == sorted(leaf.row for leaf in tree.leaves)
+
+
+def test_an_unseen_answer_goes_to_the_nearest_else_the_most_visited_child() -> None:
+    tree = Tree()
+    tree.split(tree.root, "q", {0: 3, 1: 9, 2: 1})
+    assert tree.walk(lambda _: 7) is tree.root.children[1]
+    assert tree.walk(lambda _: 7, lambda question, answer, seen: max(seen)) is tree.root.children[2]
+
+
+@given(tree=trees, seed=st.integers(0, 1000))
+def test_pruning_keeps_every_decision_and_leaves_the_grown_tree_alone(tree: Tree, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.integers(0, 2, (tree.rows, 3)).astype(float)
+    percepts = rng.integers(0, 4, (30, 20))
+
+    def leaf(of: Tree, percept: np.ndarray) -> Node:
+        return of.walk(lambda question: int(percept[question]))
+
+    before = [leaf(tree, percept) for percept in percepts]
+    actions = [int(values[node.row].argmax()) for node in before]
+    size = len(tree.nodes)
+    pruned, table = prune(tree, values, {node.row for node in before})
+    assert [int(table[leaf(pruned, percept).row].argmax()) for percept in percepts] == actions
+    assert len(tree.nodes) == size >= len(pruned.nodes)
+    for node in pruned.nodes:  # nothing is left to prune
+        if not node.is_leaf:
+            assert len(node.children) >= 2
+            kinds = {int(table[c.row].argmax()) if c.is_leaf else -1 for c in node.children.values()}
+            assert len(kinds) > 1 or kinds == {-1}
+
+
+def test_a_pruning_step_that_the_check_refuses_is_undone() -> None:
+    tree = Tree()
+    tree.split(tree.root, "q", {0: 1, 1: 1})
+    values = np.tile([0.0, 1.0], (tree.rows, 1))
+    assert len(prune(tree, values, {1, 2})[0].leaves) == 1
+    assert len(prune(tree, values, {1, 2}, lambda *_: False)[0].leaves) == 2
+
+
+@given(tree=trees)
+def test_a_tree_survives_json(tree: Tree) -> None:
+    twin = Tree.from_json(json.loads(json.dumps(tree.to_json())), lambda value: value)
+    assert twin.to_json() == tree.to_json()
+
+
+# Criteria ---------------------------------------------------------------------------------
+
+
+def direct_reduction(means: np.ndarray, answers: np.ndarray, cross_validated: bool) -> float:
+    """Variance reduction of one question as one would write it first."""
+    n = len(means)
+    if not cross_validated:
+        groups = [means[answers == a] for a in set(answers)]
+        return float(np.var(means) - sum(len(g) / n * np.var(g) for g in groups))
+    before = after = 0.0
+    for i in range(n):
+        others = [j for j in range(n) if j != i]
+        alike = [j for j in others if answers[j] == answers[i]] or others
+        before += (means[i] - means[others].mean()) ** 2 / n
+        after += (means[i] - means[alike].mean()) ** 2 / n
+    return float(before - after)
+
+
+@given(seed=st.integers(0, 2**32 - 1), m=st.integers(2, 12), cross_validated=st.booleans())
+def test_variance_reduction_equals_the_direct_computation(seed: int, m: int, cross_validated: bool) -> None:
+    rng = np.random.default_rng(seed)
+    means, answers = rng.normal(size=m) * 10, rng.integers(0, 4, (m, 5))
+    ours = variance_reductions(means, answers, cross_validated)
+    direct = [direct_reduction(means, answers[:, q], cross_validated) for q in range(5)]
+    np.testing.assert_allclose(ours, direct, atol=1e-9)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_best_split_is_the_best_of_all_enumerated(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    percepts, actions = rng.integers(0, 6, 40), rng.integers(0, 3, 40)
+    answers = rng.integers(0, 3, (6, 7))
+    evidence = Evidence.gather(percepts, actions, rng.normal(size=40))
+    split = best_split(evidence, answers, cross_validated=False)
+    every = [
+        direct_reduction(evidence.means[pairs], answers[evidence.percepts[pairs], q], False)
+        for a in set(actions)
+        for pairs in [evidence.of_action(a)]
+        for q in range(7)
+    ]
+    if split is None:
+        assert max(every) <= 1e-9
+    else:
+        assert split.reduction == pytest.approx(max(every))
+
+
+def test_evidence_aggregates_repeats_and_aliasing_ignores_how_often() -> None:
+    evidence = Evidence.gather(np.array([0, 0, 0, 1]), np.array([1, 1, 1, 1]), np.array([1.0, 3.0, 2.0, 6.0]))
+    np.testing.assert_allclose(evidence.means, [2, 6])
+    np.testing.assert_allclose(evidence.noise, [2 / 3, 0])
+    assert delta_variance(evidence) == 4.0
+
+
+def test_p_values_are_welch_s_and_defined_without_variance() -> None:
+    rng = np.random.default_rng(3)
+    noisy = Evidence(np.arange(9), np.zeros(9, int), rng.normal(size=9), np.ones(9), np.full(9, 5))
+    groups = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1])
+    expected = stats.ttest_ind(noisy.means[:4], noisy.means[4:], equal_var=False).pvalue
+    assert separation_p_value(noisy, np.arange(9), groups) == pytest.approx(expected)
+    single = np.array([0, 1])
+    assert separation_p_value(noisy, np.arange(2), single) == 1.0
+    certain = Evidence(np.arange(2), np.zeros(2, int), np.array([0.0, 1.0]), np.zeros(2), np.full(2, 5))
+    assert separation_p_value(certain, np.arange(2), single) == 0.0
+
+
+def test_noise_alone_is_rarely_split() -> None:
+    splits = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        deltas = rng.normal(size=300)
+        evidence = Evidence.gather(np.repeat(np.arange(30), 10), np.zeros(300, int), deltas)
+        answers = rng.integers(0, 2, (30, 40))
+        splits += best_split(evidence, answers, significance=0.05) is not None
+    assert splits <= 20  # 5% of 200 expected; P(more than 20 | p = 0.05) < 0.2%
+
+
+def test_holm_against_the_textbook() -> None:
+    np.testing.assert_allclose(holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
+
+
+# Files ------------------------------------------------------------------------------------
+
+
+def test_an_archive_returns_what_it_was_given(tmp_path) -> None:
+    arrays = {"a": np.arange(6).reshape(2, 3), "b": np.zeros(0, np.float32)}
+    write_archive(tmp_path / "m.zip", {"x": [1, "é"]}, arrays)
+    meta, back = read_archive(tmp_path / "m.zip")
+    assert meta == {"x": [1, "é"]}
+    assert all((back[k] == v).all() and back[k].dtype == v.dtype for k, v in arrays.items())
+
+
+def test_truncated_and_hostile_archives_are_refused_in_one_line(tmp_path) -> None:
+    path = tmp_path / "m.zip"
+    write_archive(path, {"x": 1}, {"a": np.arange(1000)})
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    bad = [whole[: int(n)] for n in rng.integers(0, len(whole), 40)]
+    bad += [b"", b"\x80\x04cos\nsystem\n(S'true'\ntR."]
+    for data in bad:
+        path.write_bytes(data)
+        with pytest.raises(ArchiveError) as error:
+            read_archive(path)
+        assert "\n" not in str(error.value)
+
+
+def test_a_pickled_array_inside_an_archive_is_not_unpickled(tmp_path) -> None:
+    import zipfile
+
+    ran = tmp_path / "ran"
+
+    class Bomb:
+        def __reduce__(self) -> tuple:
+            return (ran.write_text, ("x",))
+
+    np.save(tmp_path / "bomb.npy", np.array([Bomb()], dtype=object), allow_pickle=True)
+    with zipfile.ZipFile(tmp_path / "m.zip", "w") as archive:
+        archive.writestr("meta.json", "{}")
+        archive.write(tmp_path / "bomb.npy", "bomb.npy")
+    with pytest.raises(ArchiveError):
+        read_archive(tmp_path / "m.zip")
+    assert not ran.exists()
