@@ -1,0 +1,47 @@
+"""The worlds. Importing this package registers every id in `TABLE` with Gymnasium.
+
+>>> import gymnasium
+>>> env = gymnasium.make("envs:attn_tree/VisualGridworld-4x4-v0", bank_seed=3)
+
+A row of the table is all there is to a new task: a builder of worlds, its arguments
+and its time limit.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from envs import gridworld
+
+
+class Task(NamedTuple):
+    """One registered id."""
+
+    builder: str
+    kwargs: dict[str, Any]
+    max_episode_steps: int
+
+
+GRID = "envs.gridworld:visual_gridworld"
+
+TABLE = {
+    "VisualGridworld-4x4-v0": Task(GRID, {"map": gridworld.MAP_4X4}, 100),
+    "VisualGridworld-6x6-v0": Task(GRID, {"map": gridworld.MAP_6X6}, 150),
+    "VisualGridworld-10x10-v0": Task(GRID, {"map": gridworld.MAP_10X10}, 400),
+    "VisualGridworld-Custom-v0": Task(GRID, {}, 200),
+}
+
+REGISTERED = tuple(f"attn_tree/{name}" for name in TABLE)
+
+for _id, _task in zip(REGISTERED, TABLE.values(), strict=True):
+    gym.register(
+        _id,
+        entry_point="envs.camera:make_camera",
+        vector_entry_point="envs.camera:make_camera_vector",
+        max_episode_steps=_task.max_episode_steps,
+        kwargs={"builder": _task.builder, **_task.kwargs},
+    )
+
+__all__ = ["REGISTERED", "TABLE", "Task"]

@@ -1,0 +1,244 @@
+"""Image banks: classes of images, several views of each, for a world to show.
+
+`make_bank` knows four kinds: "photographs" (crops of the photographs that
+scikit-image and scikit-learn ship), "rendered" (textured objects turning on a table,
+drawn here: the stand-in for COIL-100), "coil100", and any folder of classes. A bank is a
+function of (kind, classes, views, size, seed); building it twice costs nothing.
+
+COIL-100 (Nene, Nayar and Murase 1996) is the thesis's bank in chapter 8. It is read
+from the folder `coil100` of the folder that the environment variable
+ATTN_TREE_DATA names.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from envs.photographs import photograph_views
+
+Size = int | Sequence[int]
+SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".webp"}
+NUMBERED = re.compile(r"(?P<class>[a-zA-Z]+\d+)__(?P<view>\d+)$")  # COIL's obj7__45
+
+
+@dataclass(frozen=True, eq=False)
+class ImageBank:
+    """Classes of images of one size.
+
+    Attributes:
+        names: one per class.
+        classes: one `(V, H, W, 3)` uint8 array per class, RGB, read-only; V may differ.
+    """
+
+    names: tuple[str, ...]
+    classes: tuple[np.ndarray, ...]
+
+    def __post_init__(self) -> None:
+        for array in self.classes:
+            array.flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.classes)
+
+    def images(self, index: int) -> np.ndarray:
+        """The views of a class, `(V, H, W, 3)` uint8."""
+        return self.classes[index]
+
+    @property
+    def n_views(self) -> int:
+        """Views that every class has."""
+        return min(len(array) for array in self.classes)
+
+    @property
+    def stacked(self) -> np.ndarray:
+        """`(C, V, H, W, 3)` uint8, the first `n_views` of every class."""
+        return np.stack([array[: self.n_views] for array in self.classes])
+
+    def split(
+        self, n_train: int, n_heldout: int, rng: np.random.Generator | None = None
+    ) -> tuple[ImageBank, ImageBank]:
+        """Views to train on and views held out, never the same ones.
+
+        Without `rng` the first `n_train` views of each class and the next `n_heldout`
+        (the banks made here order their views at random), with it a random choice.
+
+        Raises:
+            ValueError: a class has too few views.
+        """
+        train, heldout = [], []
+        for name, array in zip(self.names, self.classes, strict=True):
+            if n_train < 1 or n_heldout < 0 or n_train + n_heldout > len(array):
+                raise ValueError(
+                    f"class {name!r} has {len(array)} views: cannot split off {n_train} to train on and "
+                    f"{n_heldout} held out"
+                )
+            order = np.arange(len(array)) if rng is None else rng.permutation(len(array))
+            train.append(array[order[:n_train]])
+            heldout.append(array[order[n_train : n_train + n_heldout]])
+        return ImageBank(self.names, tuple(train)), ImageBank(self.names, tuple(heldout))
+
+
+def pixels(size: Size) -> tuple[int, int]:
+    """(width, height) of `size`, a side or a pair."""
+    width, height = (size, size) if isinstance(size, (int, np.integer)) else tuple(size)
+    if width < 16 or height < 16:
+        raise ValueError(f"image_size must be at least 16 pixels a side, not {size}")
+    return int(width), int(height)
+
+
+def make_bank(kind: str | Path, classes: int, views: int, size: Size = 128, seed: int = 0) -> ImageBank:
+    """A bank of `classes` classes with `views` views each.
+
+    Args:
+        kind: "photographs", "rendered", "coil100" or the path of a folder (see `folder`).
+        classes, views: how many.
+        size: side in pixels, or (width, height).
+        seed: which classes and which views.
+
+    Raises:
+        ValueError: the kind is unknown or cannot provide so many.
+        FileNotFoundError: the folder is missing.
+    """
+    if classes < 1 or views < 1:
+        raise ValueError(f"a bank needs at least 1 class and 1 view, not {classes} and {views}")
+    return _make_bank(str(kind), int(classes), int(views), pixels(size), int(seed))
+
+
+@lru_cache(maxsize=8)
+def _make_bank(kind: str, classes: int, views: int, size: tuple[int, int], seed: int) -> ImageBank:
+    if kind == "photographs":
+        names, arrays = photograph_views(classes, views, size, seed)
+        return ImageBank(tuple(names), tuple(arrays))
+    if kind == "coil100":
+        return coil100(classes=classes, views=views, size=size, seed=seed)
+    if os.sep not in kind and not Path(kind).exists():
+        raise ValueError(
+            f"unknown bank {kind!r}: use photographs, rendered, coil100 or the path of a folder of classes"
+        )
+    return folder(kind, classes=classes, views=views, size=size, seed=seed)
+
+
+# -------------------------------------------------------------------- folders
+
+
+def data_folder(name: str) -> Path | None:
+    """The folder of a real data set under ATTN_TREE_DATA, or None when it is not there."""
+    root = os.environ.get("ATTN_TREE_DATA")
+    path = Path(root, name) if root else None
+    return path if path and path.is_dir() else None
+
+
+def coil100(
+    path: str | Path | None = None,
+    *,
+    classes: int | None = None,
+    views: int | None = None,
+    size: Size | None = None,
+    seed: int = 0,
+) -> ImageBank:
+    """COIL-100, `obj7__45.png`: object 7 turned by 45°. Arguments as for `folder`."""
+    where = Path(path) if path is not None else data_folder("coil100")
+    if where is None:
+        raise FileNotFoundError(
+            "COIL-100 is not here: set ATTN_TREE_DATA to a folder that holds coil100/obj7__45.png …"
+        )
+    return folder(where, classes=classes, views=views, size=size, seed=seed)
+
+
+def folder(
+    path: str | Path,
+    *,
+    classes: int | None = None,
+    views: int | None = None,
+    size: Size | None = None,
+    seed: int = 0,
+) -> ImageBank:
+    """A folder of classes: `class/view.png`, or files named as COIL-100's, `obj7__45.png`.
+
+    Args:
+        path: the folder.
+        classes: how many, chosen by `seed`; None for all.
+        views: how many of each, chosen by `seed`; None for all.
+        size: (width, height) to fit them to (cut to the aspect, then scaled); None
+            for the size of the first image.
+        seed: which classes and views, and the order of the views.
+
+    Raises:
+        FileNotFoundError: no such folder.
+        ValueError: fewer than two classes, too few classes or views, or a file that is no image.
+    """
+    found = _classes_in(Path(path))
+    rng = np.random.default_rng([seed, 3])
+    names = sorted(found, key=_natural)
+    if classes is not None:
+        if classes > len(names):
+            raise ValueError(f"{path}: {classes} classes were asked for, there are {len(names)}")
+        names = [names[i] for i in sorted(rng.permutation(len(names))[:classes])]
+    arrays, fit = [], None if size is None else pixels(size)
+    for name in names:
+        files = sorted(found[name], key=lambda file: _natural(file.stem))
+        if views is not None and views > len(files):
+            raise ValueError(
+                f"{path}: class {name!r} has {len(files)} views, {views} were asked for: "
+                "lower views or heldout_views"
+            )
+        files = [files[i] for i in rng.permutation(len(files))[:views]]
+        pictures = []
+        for file in files:
+            picture = _read(file)
+            fit = fit or (picture.shape[1], picture.shape[0])
+            pictures.append(_fit(picture, fit))
+        arrays.append(np.stack(pictures))
+    return ImageBank(tuple(names), tuple(arrays))
+
+
+def _classes_in(path: Path) -> dict[str, list[Path]]:
+    """Files by class."""
+    if not path.is_dir():
+        raise FileNotFoundError(f"{path} is no folder: give a folder with one folder of images per class")
+    found: dict[str, list[Path]] = {}
+    for entry in path.iterdir():
+        if entry.is_dir():
+            files = [file for file in entry.iterdir() if file.suffix.lower() in SUFFIXES]
+            if files:
+                found[entry.name] = files
+        elif entry.suffix.lower() in SUFFIXES and (match := NUMBERED.match(entry.stem)):
+            found.setdefault(match["class"], []).append(entry)
+    if len(found) < 2:
+        raise ValueError(
+            f"{path} holds {len(found)} class{'' if len(found) == 1 else 'es'} of images: at least 2 are "
+            "needed, as class/view.png or obj7__45.png"
+        )
+    return found
+
+
+def _natural(text: str) -> list[tuple[int, int, str]]:
+    """Sort key by which obj9 comes before obj10."""
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", text)]
+
+
+def _read(file: Path) -> np.ndarray:
+    image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError(f"{file} cannot be read as an image: repair or remove it")
+    return image[:, :, ::-1]
+
+
+def _fit(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Cut to the aspect of `size` around the centre, then scaled to it."""
+    height, width = image.shape[:2]
+    if (width, height) == size:
+        return np.ascontiguousarray(image)
+    scale = min(width / size[0], height / size[1])
+    w, h = max(round(size[0] * scale), 1), max(round(size[1] * scale), 1)
+    left, top = (width - w) // 2, (height - h) // 2
+    cut = np.ascontiguousarray(image[top : top + h, left : left + w])
+    return cv2.resize(cut, size, interpolation=cv2.INTER_AREA if scale > 1 else cv2.INTER_CUBIC)

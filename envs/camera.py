@@ -1,0 +1,383 @@
+"""A `World` behind a camera: one Gymnasium environment, single and natively batched.
+
+The agent sees an image and acts; it never sees the state. Both environments draw
+their chance from the same `Stream` of uniform numbers, one stream per
+sub-environment seeded `seed + i`, two numbers a step (successor, view) and two a
+reset (start, view), so for the same seeds and actions they give the same
+trajectories to the bit, whatever the batch.
+
+`make_camera` and `make_camera_vector` are the entry points of every registered id:
+they call a builder of worlds (`envs.gridworld:visual_gridworld`, say) and put the
+result behind the camera. Arguments common to all ids:
+
+    obs: "pixels" `(H, W, 3)` uint8, a fresh copy; "index" the image's index in the
+        bank `env.bank`, for learners that hold the bank; "state" the hidden state,
+        only for the control that is told it.
+    split: "train" or "heldout", which views the camera shows.
+    render_mode: None or "rgb_array".
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from envs.render import draw_frame
+from envs.world import World
+
+Observe = Literal["pixels", "index", "state"]
+OBSERVE = ("pixels", "index", "state")
+METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
+BLOCK = 256  # uniforms drawn ahead; even, since they are consumed in pairs
+
+
+class Stream:
+    """The uniform numbers of one sub-environment, drawn ahead in blocks, used in pairs."""
+
+    def __init__(self, generator: np.random.Generator) -> None:
+        self._generator = generator
+        self._block: list[float] = []
+        self._cursor = 0
+
+    def pair(self) -> tuple[float, float]:
+        """The next two numbers in [0, 1)."""
+        if self._cursor == len(self._block):
+            self._block, self._cursor = self._generator.random(BLOCK).tolist(), 0
+        self._cursor += 2
+        return self._block[self._cursor - 2], self._block[self._cursor - 1]
+
+
+class Streams:
+    """The same for a batch: stream i yields what `Stream(generators[i])` yields."""
+
+    def __init__(self, generators: Sequence[np.random.Generator]) -> None:
+        self._generators = list(generators)
+        self._rows = np.arange(len(self._generators))
+        self._pairs = np.stack([self._draw(generator, BLOCK) for generator in self._generators])
+        self._cursor = np.zeros(len(self._generators), dtype=np.intp)
+        self._calls = BLOCK // 2  # calls that cannot run out, whichever rows they ask for
+
+    @staticmethod
+    def _draw(generator: np.random.Generator, numbers: int) -> np.ndarray:
+        return generator.random(numbers).reshape(-1, 2)
+
+    def take(self, rows: np.ndarray | None = None) -> np.ndarray:
+        """The next pair of every stream, or of `rows`, `(n, 2)`."""
+        if self._calls == 0:
+            self._refill()
+        self._calls -= 1
+        rows = self._rows if rows is None else rows
+        pairs = self._pairs[rows, self._cursor[rows]]
+        self._cursor[rows] += 1
+        return pairs
+
+    def _refill(self) -> None:
+        for row, used in enumerate(self._cursor.tolist()):
+            if used:
+                fresh = self._draw(self._generators[row], 2 * used)
+                self._pairs[row] = np.concatenate([self._pairs[row, used:], fresh])
+        self._cursor[:] = 0
+        self._calls = BLOCK // 2
+
+
+def _spaces(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Discrete]:
+    if obs not in OBSERVE:
+        raise ValueError(f"obs must be one of {', '.join(OBSERVE)}, not {obs!r}")
+    sizes = {"index": world.n_images, "state": world.n_states}
+    seen: spaces.Space[Any] = (
+        spaces.Box(0, 255, world.images.shape[1:], np.uint8)
+        if obs == "pixels"
+        else spaces.Discrete(sizes[obs])
+    )
+    return seen, spaces.Discrete(world.n_actions)
+
+
+def _check_render_mode(render_mode: str | None) -> None:
+    if render_mode not in (None, "rgb_array"):
+        raise ValueError(f"render_mode must be None or 'rgb_array', not {render_mode!r}")
+
+
+class CameraEnv(gym.Env[Any, Any]):
+    """One world behind a camera.
+
+    Args:
+        world: what the camera shows.
+        obs: "pixels", "index" or "state" (see the module).
+        heldout: the same dynamics behind held-out views, kept for evaluation.
+        render_mode: None or "rgb_array".
+
+    The time limit is Gymnasium's own `TimeLimit`, put on by registration.
+    `info["state"]` holds the hidden state after `reset` and `step`: for scoring only.
+    """
+
+    metadata = METADATA
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        obs: Observe = "pixels",
+        heldout: World | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self.observation_space, self.action_space = _spaces(world, obs)
+        _check_render_mode(render_mode)
+        self.world, self.heldout_world, self.obs, self.render_mode = world, heldout, obs, render_mode
+        self._stream: Stream | None = None
+        self._state = self._image = 0
+
+    @property
+    def bank(self) -> np.ndarray:
+        """`(N, H, W, 3)` uint8, the images that indices refer to."""
+        return self.world.images
+
+    @property
+    def max_episode_steps(self) -> int | None:
+        """The registered time limit (one given to `gymnasium.make` is in `env.spec`)."""
+        return gym.spec(self.spec.id).max_episode_steps if self.spec else None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; `seed` starts the random stream afresh."""
+        super().reset(seed=seed)
+        if seed is not None or self._stream is None:
+            self._stream = Stream(self.np_random)
+        chance, view = self._stream.pair()
+        self._enter(int(self.world.start_cdf.searchsorted(chance, "right")), view)
+        return self._observation(), {"state": self._state}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Take an action."""
+        world = self.world
+        if self._stream is None:
+            raise RuntimeError("call reset() before step()")
+        if not 0 <= action < world.n_actions:
+            raise ValueError(f"an action must be in 0…{world.n_actions - 1}, not {action}")
+        chance, view = self._stream.pair()
+        here, k = (self._state, int(action)), 0
+        if world.next_state.shape[2] > 1:
+            k = int((world.successor_cdf[here] <= chance).sum())
+        reward = float(world.reward[here][k])
+        self._enter(int(world.next_state[here][k]), view)
+        return self._observation(), reward, bool(world.terminal[self._state]), False, {"state": self._state}
+
+    def _enter(self, state: int, chance: float) -> None:
+        self._state = state
+        self._image = int(self.world.views[state, int(chance * self.world.n_views[state])])
+
+    def _observation(self) -> Any:
+        if self.obs == "pixels":
+            return self.world.images[self._image].copy()
+        return np.int64(self._image if self.obs == "index" else self._state)
+
+    def render(self) -> np.ndarray | None:
+        """The grid with its images, the agent marked, and what the camera sees; `(h, w, 3)` uint8."""
+        if self.render_mode is None:
+            return None
+        return draw_frame(self.world, self._state, self._image)
+
+
+class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
+    """`num_envs` copies of one world, stepped together by table look-up.
+
+    Args:
+        world, obs, heldout, render_mode: as for `CameraEnv`.
+        num_envs: how many.
+        max_episode_steps: time limit, reported as truncation.
+
+    Autoreset is SAME_STEP: the observation after an episode's last step is the next
+    episode's first; the last one is in `info["final_obs"]`, its state in
+    `info["final_info"]["state"]`.
+    """
+
+    metadata = METADATA | {"autoreset_mode": AutoresetMode.SAME_STEP}
+
+    def __init__(
+        self,
+        world: World,
+        num_envs: int = 1,
+        *,
+        obs: Observe = "pixels",
+        heldout: World | None = None,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, not {num_envs}")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps must be at least 1, not {max_episode_steps}")
+        _check_render_mode(render_mode)
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = _spaces(world, obs)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.world, self.heldout_world, self.obs, self.render_mode = world, heldout, obs, render_mode
+        self.max_episode_steps = max_episode_steps
+        self._limit = max_episode_steps if max_episode_steps is not None else np.iinfo(np.int64).max
+        self._streams: Streams | None = None
+        self._all = np.ones(num_envs, bool)
+        self._all.flags.writeable = False
+        self._flatten(world)
+
+    def _flatten(self, world: World) -> None:
+        """The tables, one-dimensional, so that a step is a few `take`s."""
+        self._branches = world.next_state.shape[2]
+        self._next = world.next_state.ravel().astype(np.int64)
+        self._reward = world.reward.ravel()
+        self._successor_cdf = world.successor_cdf.reshape(-1, self._branches)
+        self._n_views = world.n_views.astype(np.int64)
+        self._width = world.views.shape[1]
+        self._views = world.views.ravel().astype(np.int64)
+
+    @property
+    def bank(self) -> np.ndarray:
+        """`(N, H, W, 3)` uint8, the images that indices refer to."""
+        return self.world.images
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode everywhere; sub-environment i is seeded `seed + i` (or `seed[i]`)."""
+        if seed is not None or self._streams is None:
+            self._streams = Streams([seeding.np_random(s)[0] for s in self._seeds(seed)])
+        pairs = self._streams.take()
+        self._state = self.world.start_cdf.searchsorted(pairs[:, 0], "right")
+        self._elapsed = np.zeros(self.num_envs, np.int64)
+        self._image = self._look(self._state, pairs[:, 1])
+        return self._observation(), {"state": self._state, "_state": self._all}
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, (int, np.integer)):
+            return [int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"a list of seeds must have {self.num_envs} entries, not {len(seed)}")
+        return seed
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Take `(num_envs,)` actions."""
+        if self._streams is None:
+            raise RuntimeError("call reset() before step()")
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
+            raise ValueError(
+                f"actions must be ({self.num_envs},) integers, not {actions.dtype} {actions.shape}"
+            )
+        if actions.min() < 0 or actions.max() >= self.world.n_actions:
+            raise ValueError(f"actions must be in 0…{self.world.n_actions - 1}, not {actions}")
+        pairs = self._streams.take()
+        cell = self._state * self.world.n_actions + actions
+        if self._branches > 1:
+            successor = (self._successor_cdf[cell] <= pairs[:, :1]).sum(axis=1)
+            cell = cell * self._branches + successor
+        self._state, reward = self._next[cell], self._reward[cell]
+        self._image = self._look(self._state, pairs[:, 1])
+        self._elapsed += 1
+        terminated = self.world.terminal[self._state]
+        truncated = self._elapsed >= self._limit
+        info: dict[str, Any] = {"state": self._state, "_state": self._all}
+        done = terminated | truncated
+        if done.any():
+            self._restart(done, info)
+        return self._observation(), reward, terminated, truncated, info
+
+    def _restart(self, done: np.ndarray, info: dict[str, Any]) -> None:
+        """Begin new episodes where one is `done`; keep what the old ones ended with in `info`."""
+        assert self._streams is not None
+        rows = done.nonzero()[0]
+        last = np.full(self.num_envs, None, dtype=object)
+        for row, observation in zip(rows.tolist(), self._observation(rows), strict=True):
+            last[row] = observation
+        info["final_obs"], info["_final_obs"] = last, done
+        info["final_info"] = {"state": self._state, "_state": done}
+        info["_final_info"] = done
+        pairs = self._streams.take(rows)
+        start = self.world.start_cdf.searchsorted(pairs[:, 0], "right")
+        self._state = self._state.copy()
+        self._state[rows] = start
+        self._image[rows] = self._look(start, pairs[:, 1])
+        self._elapsed[rows] = 0
+        info["state"] = self._state
+
+    def _look(self, states: np.ndarray, chance: np.ndarray) -> np.ndarray:
+        if self._width == 1:
+            return self._views[states]
+        return self._views[states * self._width + (chance * self._n_views[states]).astype(np.int64)]
+
+    def _observation(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        if self.obs == "pixels":
+            return self.world.images.take(self._image[rows], axis=0)
+        return (self._image if self.obs == "index" else self._state)[rows].copy()
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """One frame per sub-environment."""
+        if self.render_mode is None:
+            return None
+        pairs = zip(self._state.tolist(), self._image.tolist(), strict=True)
+        return tuple(draw_frame(self.world, state, image) for state, image in pairs)
+
+
+# -------------------------------------------------------------------- entry points
+
+
+class Worlds(NamedTuple):
+    """What a builder returns: the world with its training views, and with its held-out views."""
+
+    train: World
+    heldout: World | None
+
+
+def _build(builder: str | Callable[..., Worlds], split: str, kwargs: dict[str, Any]) -> Worlds:
+    """Call the builder (`"module:function"`); `split` decides which world the camera shows."""
+    if split not in ("train", "heldout"):
+        raise ValueError(f"split must be 'train' or 'heldout', not {split!r}")
+    if isinstance(builder, str):
+        module, _, name = builder.partition(":")
+        builder = getattr(importlib.import_module(module), name)
+    worlds: Worlds = builder(**kwargs)  # type: ignore[operator]
+    if split == "train":
+        return worlds
+    if worlds.heldout is None:
+        raise ValueError("split='heldout' needs held-out views: give heldout_views of at least 1")
+    return Worlds(worlds.heldout, worlds.heldout)
+
+
+def make_camera(
+    builder: str, obs: Observe = "pixels", split: str = "train", render_mode: str | None = None, **kwargs: Any
+) -> CameraEnv:
+    """Entry point of every registered id."""
+    worlds = _build(builder, split, kwargs)
+    return CameraEnv(worlds.train, obs=obs, heldout=worlds.heldout, render_mode=render_mode)
+
+
+make_camera.metadata = CameraEnv.metadata  # type: ignore[attr-defined]  # gymnasium.make asks for it
+
+
+def make_camera_vector(
+    builder: str,
+    num_envs: int = 1,
+    obs: Observe = "pixels",
+    split: str = "train",
+    max_episode_steps: int | None = None,
+    render_mode: str | None = None,
+    **kwargs: Any,
+) -> CameraVectorEnv:
+    """Vector entry point of every registered id."""
+    worlds = _build(builder, split, kwargs)
+    return CameraVectorEnv(
+        worlds.train,
+        num_envs,
+        obs=obs,
+        heldout=worlds.heldout,
+        max_episode_steps=max_episode_steps,
+        render_mode=render_mode,
+    )

@@ -1,0 +1,274 @@
+"""Builders of visual gridworlds (thesis 7.4 and 8.4.1).
+
+A grid whose every free cell is carpeted with an image: all that the agent perceives
+is the image underfoot. Deviations from the thesis: (1) its 10×10 maze (figure 8.10,
+28 free cells besides the goal) is lost; `MAP_10X10` is **ours**, a maze of the same
+size with dead ends and a longest way of 18 steps; (2) the goal shows a drawn flag,
+never a photograph, because no decision is taken there; (3) where the figure does
+not say which cells share an image (8.9), they are chosen by what is optimal in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from envs.banks import Size, make_bank, pixels
+from envs.camera import Worlds
+from envs.render import goal_image
+from envs.world import World
+
+ACTIONS = ("up", "right", "down", "left")
+MOVES = ((-1, 0), (0, 1), (1, 0), (0, -1))
+REWARDS = {"chapter8": (1.0, -1.0), "chapter7": (10.0, -1.0)}  # goal, illegal move
+GAMMA = 0.8  # the discount under which "the same best action" is meant (figure 7.5)
+
+MAP_4X4 = """
+    ....
+    .#..
+    ..#.
+    ...G
+"""
+MAP_6X6 = """
+    ......
+    ......
+    ..##..
+    ...#..
+    .#....
+    .....G
+"""
+MAP_10X10 = """
+    ....##..##
+    ###.##.###
+    .......###
+    .###.#####
+    .###...###
+    ######.###
+    ######....
+    #########.
+    #########.
+    #########G
+"""
+
+
+def parse_map(text: str) -> tuple[list[tuple[int, int]], tuple[int, int], tuple[int, int]]:
+    """Free cells (the goal among them) row by row, the goal, and the shape of an ASCII map.
+
+    Raises:
+        ValueError: lines of unequal length, an unknown letter, not exactly one goal,
+            no free cell, or a cell from which the goal cannot be reached.
+    """
+    lines = [line.strip() for line in text.strip().splitlines()]
+    if not lines or any(len(line) != len(lines[0]) for line in lines):
+        raise ValueError("map: all lines must have the same length")
+    unknown = sorted(set("".join(lines)) - set("#GS."))
+    if unknown:
+        raise ValueError(
+            f"map: unknown letter {unknown[0]!r}; use # for obstacles, G for the goal, . for free"
+        )
+    cells = [(r, c) for r, line in enumerate(lines) for c, letter in enumerate(line) if letter != "#"]
+    goals = [(r, c) for r, c in cells if lines[r][c] == "G"]
+    if len(goals) != 1:
+        raise ValueError(f"map: there must be exactly one goal G, not {len(goals)}")
+    reached, frontier = {goals[0]}, [goals[0]]
+    while frontier:
+        row, column = frontier.pop()
+        for neighbour in ((row + dr, column + dc) for dr, dc in MOVES):
+            if neighbour in cells and neighbour not in reached:
+                reached.add(neighbour)
+                frontier.append(neighbour)
+    lost = [cell for cell in cells if cell not in reached]
+    if lost:
+        row, column = lost[0]
+        raise ValueError(f"map: the goal cannot be reached from row {row + 1}, column {column + 1}")
+    if len(cells) == 1:
+        raise ValueError("map: there must be at least one free cell besides the goal")
+    return cells, goals[0], (len(lines), len(lines[0]))
+
+
+def _dynamics(text: str, rewards: str) -> World:
+    """The grid as a world of one-pixel images, one per state."""
+    cells, goal, shape = parse_map(text)
+    if rewards not in REWARDS:
+        raise ValueError(f"rewards must be one of {', '.join(REWARDS)}, not {rewards!r}")
+    at_goal, illegal = REWARDS[rewards]
+    number = {cell: state for state, cell in enumerate(cells)}
+    states, free = len(cells), [cell != goal for cell in cells]
+    following = np.empty((states, 4, 1), np.int32)
+    reward = np.zeros((states, 4, 1))
+    for (row, column), state in number.items():
+        for action, (dr, dc) in enumerate(MOVES):
+            target = number.get((row + dr, column + dc))
+            following[state, action] = state if target is None else target
+            if free[state]:
+                reward[state, action] = (
+                    illegal if target is None else at_goal if target == number[goal] else 0.0
+                )
+    following[number[goal]] = number[goal]
+    return World(
+        next_state=following,
+        probability=np.ones((states, 4, 1)),
+        reward=reward,
+        terminal=np.logical_not(free),
+        start=np.array(free) / sum(free),
+        views=np.arange(states)[:, None],
+        n_views=np.ones(states),
+        images=np.zeros((states, 1, 1, 3), np.uint8),
+        state_names=[str(row * shape[1] + column + 1) for row, column in cells],
+        action_names=ACTIONS,
+        positions=np.array(cells),
+        grid_shape=shape,
+    )
+
+
+def image_groups(world: World, share: str | Sequence[Sequence[int]]) -> np.ndarray:
+    """Which class of images each state shows, `(S,)` int; -1 for the goal.
+
+    Args:
+        world: the grid.
+        share: a condition of figure 8.9 or lists of cell numbers, from 1 row by row.
+
+    Raises:
+        ValueError: the condition is unknown or cannot be met on this map, or a list
+            names a cell that is not free.
+    """
+    free = [state for state in range(world.n_states) if not world.terminal[state]]
+    if not isinstance(share, str):
+        together = _named_cells(world, share)
+    elif share == "distinct":
+        together = []
+    elif share in ("three", "seven"):
+        together = [_same_action(world, free, 3 if share == "three" else 7)]
+    elif share == "two":
+        together = _two_actions(world, free)
+    else:
+        raise ValueError(f"share must be distinct, three, seven, two or lists of cell numbers, not {share!r}")
+    label = {state: min(group) for group in together for state in group}
+    keys = [label.get(state, state) for state in free]
+    order = {key: rank for rank, key in enumerate(dict.fromkeys(keys))}
+    groups = np.full(world.n_states, -1)
+    groups[free] = [order[key] for key in keys]
+    return groups
+
+
+def _named_cells(world: World, share: Sequence[Sequence[int]]) -> list[list[int]]:
+    number = {name: state for state, name in enumerate(world.state_names) if not world.terminal[state]}
+    seen: set[int] = set()
+    for cell in (cell for group in share for cell in group):
+        if str(cell) not in number:
+            raise ValueError(f"share: {cell} is no free cell; cells are numbered from 1, row by row")
+        if cell in seen:
+            raise ValueError(f"share: cell {cell} is named twice")
+        seen.add(cell)
+    return [[number[str(cell)] for cell in group] for group in share]
+
+
+def _same_action(world: World, free: list[int], size: int) -> list[int]:
+    """`size` cells where one action is optimal, first those where only it is."""
+    best = world.optimal_actions(GAMMA)
+    action = int(best[free].sum(axis=0).argmax())
+    ranked = sorted((s for s in free if best[s, action]), key=lambda s: (int(best[s].sum()), s))
+    if len(ranked) < size:
+        raise ValueError(f"share: this map has no {size} cells with the same best action")
+    return ranked[:size]
+
+
+def _two_actions(world: World, free: list[int]) -> list[list[int]]:
+    """All cells in two groups by a best action, as equal in size as the ties allow."""
+    best = world.optimal_actions(GAMMA)
+    pairs = [(a, b) for a in range(4) for b in range(a + 1, 4) if (best[free][:, [a, b]].any(axis=1)).all()]
+    if not pairs:
+        raise ValueError("share='two' needs a map where two actions suffice; this one needs more")
+    first, second = pairs[0]
+    groups: list[list[int]] = [
+        [s for s in free if best[s, first] and not best[s, second]],
+        [s for s in free if best[s, second] and not best[s, first]],
+    ]
+    for state in free:
+        if best[state, first] and best[state, second]:
+            min(groups, key=len).append(state)
+    return groups
+
+
+def visual_gridworld(
+    map: str = MAP_4X4,
+    rewards: str = "chapter8",
+    share: str | Sequence[Sequence[int]] = "distinct",
+    bank: str = "photographs",
+    bank_seed: int = 0,
+    views: int = 1,
+    heldout_views: int = 5,
+    image_size: Size = 128,
+) -> Worlds:
+    """A grid carpeted with images.
+
+    ## Description
+    The agent walks a grid with obstacles and must reach the goal. It has no access
+    to its position: it perceives the image of the cell it stands on, one of the
+    cell's views, drawn anew at every visit (thesis 8.4.1, figures 7.5, 8.7–8.13).
+    Registered as `VisualGridworld-4x4-v0` (obstacles 6 and 11, goal 16, cells
+    numbered from 1 row by row), `-6x6-v0` (obstacles [3 3; 3 4; 4 4; 5 2], goal
+    [6 6]), `-10x10-v0` (a maze with 28 free cells besides the goal; the thesis's is
+    lost, this one is ours) and `-Custom-v0` (your `map`).
+
+    ## Observation Space
+    `Box(0, 255, (H, W, 3), uint8)`, or with `obs="index"` `Discrete(N)`, the index in
+    the bank of N images.
+
+    ## Action Space
+    `Discrete(4)`: 0 up, 1 right, 2 down, 3 left.
+
+    ## Rewards
+    `"chapter8"`: +1 for entering the goal, -1 for moving into an obstacle or out of
+    the grid, else 0. `"chapter7"`: +10 and -1.
+
+    ## Starting State
+    Any free cell but the goal, uniformly.
+
+    ## Episode End
+    Termination on entering the goal. Truncation after 100 (4×4), 150 (6×6), 400
+    (10×10) or 200 (Custom) steps. After an illegal move the agent stays.
+
+    ## Arguments
+    Args:
+        map: ASCII, `#` obstacle, `G` goal, `.` or `S` free (`-Custom` only).
+        rewards: "chapter8" or "chapter7".
+        share: which cells show the same object, the conditions of figure 8.9:
+            "distinct" (1: none), "three" (2: three cells with the same best action),
+            "seven" (3), "two" (4: two objects in all, one per best action); or lists
+            of cell numbers, `[(2, 5, 12, 15)]`.
+        bank: "photographs", "rendered", "coil100" or the path of a folder of classes.
+        bank_seed: which photographs and which views.
+        views: training views per object.
+        heldout_views: further views for the held-out world; 0 for none.
+        image_size: side in pixels, or (width, height).
+
+    Raises:
+        ValueError: a malformed map, an unknown or impossible option, a bank that
+            cannot provide the images.
+    """
+    dynamics = _dynamics(map, rewards)
+    groups = image_groups(dynamics, share)
+    size = pixels(image_size)
+    objects = int(groups.max()) + 1
+    if views < 1 or heldout_views < 0:
+        raise ValueError(f"views must be at least 1 and heldout_views 0, not {views} and {heldout_views}")
+    train, heldout = make_bank(bank, objects, views + heldout_views, size, bank_seed).split(
+        views, heldout_views
+    )
+    goal = goal_image(size)
+    return Worlds(
+        _carpet(dynamics, groups, train.stacked, goal),
+        _carpet(dynamics, groups, heldout.stacked, goal) if heldout_views else None,
+    )
+
+
+def _carpet(world: World, groups: np.ndarray, classes: np.ndarray, goal: np.ndarray) -> World:
+    """Lay `(C, V, H, W, 3)` images on the grid; image `c * V + v`, the goal's last."""
+    count, each = classes.shape[:2]
+    views = groups[:, None] * each + np.arange(each)
+    views[groups < 0] = count * each
+    n_views = np.where(groups < 0, 1, each)
+    images = np.concatenate([classes.reshape(-1, *classes.shape[2:]), goal[None]])
+    return world.with_views(views, n_views, images)
