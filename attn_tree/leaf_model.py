@@ -16,6 +16,7 @@ def leaf_model_values(
     rewards: np.ndarray,
     next_rows: np.ndarray,
     terminated: np.ndarray,
+    counts: np.ndarray,
     values: np.ndarray,
     gamma: float,
     tolerance: float = 1e-9,
@@ -24,24 +25,22 @@ def leaf_model_values(
 
     Args:
         rows, actions, rewards, next_rows, terminated: `(n,)` remembered transitions between leaves.
+        counts: `(n,)` how often each was met.
         values: `(R, A)` present values, kept where nothing is remembered.
         gamma: discount factor, below 1.
     """
     n_rows, n_actions = values.shape
     entries = rows * n_actions + actions
-    keys = np.stack([entries, next_rows, terminated.astype(np.int64)], axis=1)
-    kinds, counts = np.unique(keys, axis=0, return_counts=True)
     size = n_rows * n_actions
-    totals = np.bincount(entries, minlength=size)
+    totals = np.bincount(entries, counts, minlength=size)
     known = totals > 0
-    mean_reward = np.bincount(entries, rewards, minlength=size) / np.maximum(totals, 1)
-    share = counts / totals[kinds[:, 0]]
-    goes_on = share * (kinds[:, 2] == 0)
+    mean_reward = np.bincount(entries, rewards * counts, minlength=size) / np.maximum(totals, 1)
+    goes_on = counts / totals[entries] * ~terminated
     solved = values.astype(np.float64).reshape(-1).copy()
     horizon = int(np.ceil(np.log(tolerance) / np.log(max(gamma, 1e-3)))) if gamma < 1 else 10_000
     for _ in range(max(horizon, 1)):
         best = solved.reshape(n_rows, n_actions).max(axis=1)
-        future = np.bincount(kinds[:, 0], goes_on * best[kinds[:, 1]], minlength=size)
+        future = np.bincount(entries, goes_on * best[next_rows], minlength=size)
         updated = np.where(known, mean_reward + gamma * future, solved)
         if np.abs(updated - solved).max() <= tolerance:
             break

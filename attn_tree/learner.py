@@ -17,10 +17,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from matplotlib.figure import Figure
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.type_aliases import GymEnv
 
@@ -28,6 +30,7 @@ from attn_tree.growth import Growth
 from attn_tree.leaf_model import leaf_model_values
 from attn_tree.memory import Memory, Transitions
 from attn_tree.percepts import BankPercepts, Percepts, SeenPercepts
+from attn_tree.picture import draw_learner
 from attn_tree.q_learning import TableLearner
 from attn_tree.tree.criterion import Evidence, delta_variance
 from attn_tree.tree.node import Node, Tree
@@ -162,11 +165,11 @@ class QuasiStaticLearner(TableLearner):
         if rows.min(initial=0) < 0:
             for percept in np.unique(percepts[rows < 0]):
                 retina = self._percepts.retina(int(percept))
-                self._row_of[percept] = self._leaf(self.grown_tree, retina).row
+                self._row_of[percept] = self.leaf_in(self.grown_tree, retina).row
             rows = self._row_of[percepts]
         return rows
 
-    def _leaf(self, tree: Tree, retina: Retina) -> Node:
+    def leaf_in(self, tree: Tree, retina: Retina) -> Node:
         """The leaf of `tree` that a lasting retina falls in; its answers are remembered."""
 
         def answer(question: Any) -> int:
@@ -207,14 +210,22 @@ class QuasiStaticLearner(TableLearner):
 
     def _refine(self) -> None:
         """Split the aliased leaves by what is remembered; count the phase; log it."""
-        memory = self._memory.contents()
+        self._memory.settle()
+        memory, counts = self._memory.transitions, self._memory.counts
         if not self.vocabulary.ready:
             self._prepare(memory)
         rows = self._rows(memory.percepts)
         next_rows = self._rows(memory.next_percepts)
         if self.growth.leaf_values == "model":
             self.values = leaf_model_values(
-                rows, memory.actions, memory.rewards, next_rows, memory.terminated, self.values, self.gamma
+                rows,
+                memory.actions,
+                memory.rewards,
+                next_rows,
+                memory.terminated,
+                counts,
+                self.values,
+                self.gamma,
             )
         future = np.where(memory.terminated, 0.0, self.values[next_rows].max(axis=1))
         deltas = memory.rewards + self.gamma * future
@@ -223,8 +234,10 @@ class QuasiStaticLearner(TableLearner):
         self.aliased, variances = 0, []
         threshold = self._aliasing_threshold(spread)
         for leaf in self.grown_tree.leaves:
-            mine = rows == leaf.row
-            variances.append(self._refine_leaf(leaf, memory, deltas, mine, threshold))
+            mine = np.flatnonzero(rows == leaf.row)
+            variances.append(
+                self._refine_leaf(leaf, memory.take(mine), deltas[mine], counts[mine], threshold)
+            )
         self.delta_variance = float(np.mean(variances))
         self.phase += 1
         self._quiet_phases = self._quiet_phases + 1 if self.aliased == 0 and settled else 0
@@ -246,21 +259,20 @@ class QuasiStaticLearner(TableLearner):
         return float(np.abs(after - before).max()) <= _SETTLED * spread
 
     def _refine_leaf(
-        self, leaf: Node, memory: Transitions, deltas: np.ndarray, mine: np.ndarray, threshold: float
+        self, leaf: Node, memory: Transitions, deltas: np.ndarray, counts: np.ndarray, threshold: float
     ) -> float:
-        """Split one leaf if it is aliased; returns the variance of Δ under it."""
-        percepts, positions = np.unique(memory.percepts[mine], return_inverse=True)
+        """Split one leaf if it is aliased by its memory; returns the variance of Δ under it."""
+        percepts, positions = np.unique(memory.percepts, return_inverse=True)
         if len(percepts) == 0:
             return 0.0
-        evidence = Evidence.gather(positions, memory.actions[mine], deltas[mine])
+        evidence = Evidence.gather(positions, memory.actions, deltas, counts)
         variance = delta_variance(evidence)
-        if int(mine.sum()) < self.growth.mem_threshold or variance <= threshold:
+        if int(counts.sum()) < self.growth.mem_threshold or variance <= threshold:
             return variance
         known = frozenset(percepts.tolist())
         if self._unsplittable.get(leaf.row) == known:
             return variance
-        counts = np.bincount(positions)
-        if self._split(leaf, percepts, counts, evidence):
+        if self._split(leaf, percepts, np.bincount(positions, counts), evidence):
             self.aliased += 1
         else:
             self._unsplittable[leaf.row] = known
@@ -328,17 +340,36 @@ class QuasiStaticLearner(TableLearner):
         """The tree and the values that the policy should use now: pruned, if asked for."""
         if not self.growth.prune or len(self.grown_tree.leaves) == 1:
             return self.grown_tree.copy(), self.values.copy()
-        memory = self._memory.contents()
-        percepts = np.unique(memory.percepts)
+        percepts = self._remembered()
         rows = self._rows(percepts)
         before = self.values[rows].argmax(axis=1)
         retinas = [self._percepts.retina(int(percept)) for percept in percepts]
 
         def same_actions(tree: Tree, values: np.ndarray) -> bool:
-            found = [self._leaf(tree, retina).row for retina in retinas]
+            found = [self.leaf_in(tree, retina).row for retina in retinas]
             return bool((values[found].argmax(axis=1) == before).all())
 
         return prune(self.grown_tree, self.values, set(rows.tolist()), same_actions)
+
+    def _remembered(self) -> np.ndarray:
+        """Numbers of the percepts that are remembered."""
+        return np.unique(self._memory.transitions.percepts)
+
+    def remembered_retinas(self) -> list[Retina]:
+        """The lasting retinas of the percepts that are remembered."""
+        return [self._percepts.retina(int(percept)) for percept in self._remembered()]
+
+    def draw(
+        self, path: str | Path | None = None, *, grown: bool = False, images: np.ndarray | None = None
+    ) -> Figure:
+        """Draw the tree with what its nodes look at; its leaves with their actions and percepts.
+
+        Args:
+            path: file to write (PNG, SVG or PDF by suffix), or None.
+            grown: the tree before pruning instead of the one that decides.
+            images: `(N, H, W, 3)` uint8 to show in it; the percepts remembered if None.
+        """
+        return draw_learner(self, path, grown, images)
 
     # Files ----------------------------------------------------------------------------
 

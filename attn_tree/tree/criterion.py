@@ -43,15 +43,21 @@ class Evidence:
     counts: np.ndarray
 
     @classmethod
-    def gather(cls, percepts: np.ndarray, actions: np.ndarray, deltas: np.ndarray) -> Evidence:
-        """Aggregate single transitions, all `(n,)`; percepts already numbered 0…P-1."""
+    def gather(
+        cls,
+        percepts: np.ndarray,
+        actions: np.ndarray,
+        deltas: np.ndarray,
+        counts: np.ndarray | None = None,
+    ) -> Evidence:
+        """Aggregate transitions met `counts` times (once if None), all `(n,)`; percepts numbered 0…P-1."""
+        weights = np.ones(len(deltas)) if counts is None else counts.astype(float)
         n_actions = int(actions.max(initial=0)) + 1
-        pairs, inverse, counts = np.unique(
-            percepts * n_actions + actions, return_inverse=True, return_counts=True
-        )
-        means = np.bincount(inverse, deltas) / counts
-        noise = np.bincount(inverse, (deltas - means[inverse]) ** 2) / counts
-        return cls(pairs // n_actions, pairs % n_actions, means, noise, counts)
+        pairs, inverse = np.unique(percepts * n_actions + actions, return_inverse=True)
+        totals = np.bincount(inverse, weights)
+        means = np.bincount(inverse, deltas * weights) / totals
+        noise = np.bincount(inverse, (deltas - means[inverse]) ** 2 * weights) / totals
+        return cls(pairs // n_actions, pairs % n_actions, means, noise, totals)
 
     def of_action(self, action: int) -> np.ndarray:
         """Positions of the pairs with this action."""
