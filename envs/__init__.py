@@ -31,6 +31,7 @@ TABLE = {
     "VisualGridworld-6x6-v0": Task(GRID, {"map": gridworld.MAP_6X6}, 150),
     "VisualGridworld-10x10-v0": Task(GRID, {"map": gridworld.MAP_10X10}, 400),
     "VisualGridworld-Custom-v0": Task(GRID, {}, 200),
+    "ObjectRecognition-v0": Task("envs.recognition:object_recognition", {}, 10),
 }
 
 REGISTERED = tuple(f"attn_tree/{name}" for name in TABLE)

@@ -22,6 +22,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from envs.objects import object_views
 from envs.photographs import photograph_views
 
 Size = int | Sequence[int]
@@ -112,10 +113,11 @@ def make_bank(kind: str | Path, classes: int, views: int, size: Size = 128, seed
     return _make_bank(str(kind), int(classes), int(views), pixels(size), int(seed))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)
 def _make_bank(kind: str, classes: int, views: int, size: tuple[int, int], seed: int) -> ImageBank:
-    if kind == "photographs":
-        names, arrays = photograph_views(classes, views, size, seed)
+    if kind in ("photographs", "rendered"):
+        draw = photograph_views if kind == "photographs" else object_views
+        names, arrays = draw(classes, views, size, seed)
         return ImageBank(tuple(names), tuple(arrays))
     if kind == "coil100":
         return coil100(classes=classes, views=views, size=size, seed=seed)

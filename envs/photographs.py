@@ -36,7 +36,8 @@ PHOTOGRAPHS = {
     ),
     "sklearn/datasets/images": ("china.jpg", "flower.jpg"),
 }
-EXTENTS = (320, 240, 176, 128, 96, 72)  # longest side of a crop in native pixels, tried in this order
+LARGEST, SMALLEST = 320, 128  # longest side of a crop in native pixels, whatever the size asked for
+FEWER = (240, 176, 128, 96, 72)  # tried in this order when there are not enough crops
 KEYPOINTS = 2  # at least so many SIFT keypoints in each of the nine parts of a crop
 CONTRAST = 6.0  # and at least this mean gradient, grey levels a pixel, in each of them
 MARGIN = 1.12  # a crop's centre stays this many half-sides away from the border
@@ -73,7 +74,7 @@ def photograph_views(
 
     Args:
         classes, views: how many.
-        size: (width, height) of an image; crops of at most 320 native pixels are enlarged to it.
+        size: (width, height) of an image; crops of 128 to 320 native pixels are scaled to it.
         seed: which crops, which views. More views do not change the earlier ones.
 
     Returns:
@@ -84,11 +85,11 @@ def photograph_views(
     """
     sources = _photographs()
     crops: list[Crop] = []
-    for extent in EXTENTS:
-        if extent <= max(*size, EXTENTS[-1]):
-            crops = _choose(sources, classes, size, extent, np.random.default_rng([seed, 1]))
-            if len(crops) == classes:
-                break
+    first = min(max(*size, SMALLEST), LARGEST)
+    for extent in (first, *(extent for extent in FEWER if extent < first)):
+        crops = _choose(sources, classes, size, extent, np.random.default_rng([seed, 1]))
+        if len(crops) == classes:
+            break
     else:
         raise ValueError(
             f"the shipped photographs have {len(crops)} textured crops of {size[0]}×{size[1]}, "
@@ -111,7 +112,7 @@ def _choose(
     sources: dict[str, np.ndarray], classes: int, size: tuple[int, int], extent: int, rng: np.random.Generator
 ) -> list[Crop]:
     """Up to `classes` crops, taken in turn from the photographs in a random order."""
-    scale = min(extent / max(size), 1.0)
+    scale = extent / max(size)
     width, height = size[0] * scale, size[1] * scale
     order = [str(name) for name in rng.permutation(sorted(sources))]
     queues = {name: _candidates(sources[name], width, height, rng) for name in order}
@@ -190,10 +191,14 @@ def _view(
     half *= min(1.0, float((limits / np.ptp(half, axis=0)).min()))
     quad = half + np.asarray(center) + shift
     quad += np.maximum(0, -quad.min(axis=0)) - np.maximum(0, quad.max(axis=0) - limits)
-    frame = np.array([[0, 0], [size[0], 0], [size[0], size[1]], [0, size[1]]]) - 0.5
+    finer = max(int(np.ceil(width / size[0])), 1)  # a smaller picture is averaged, not subsampled
+    w, h = size[0] * finer, size[1] * finer
+    frame = np.array([[0, 0], [w, 0], [w, h], [0, h]]) - 0.5
     warp = cv2.getPerspectiveTransform(quad.astype(np.float32), frame.astype(np.float32))
-    flags = cv2.INTER_CUBIC if size[0] > width else cv2.INTER_LINEAR
-    image = cv2.warpPerspective(photograph, warp, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    flags = cv2.INTER_CUBIC if w > width else cv2.INTER_LINEAR
+    image = cv2.warpPerspective(photograph, warp, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    if finer > 1:
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return image if rng is None else relight(image, rng)
 
 

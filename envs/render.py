@@ -132,7 +132,7 @@ def _write(frame: np.ndarray, text: str, origin: tuple[int, int], scale: float) 
     cv2.putText(frame, ascii_text, origin, cv2.FONT_HERSHEY_SIMPLEX, scale, INK, 1, cv2.LINE_AA)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)
 def _background(world: World) -> np.ndarray:
     """Everything of a frame that does not move."""
     camera = camera_rectangle(world)

@@ -1,0 +1,92 @@
+"""Builders of one-step recognition worlds (thesis 8.4.4).
+
+Recognising an object as a decision: see an image, name its class, earn what the
+±1 matrix of equation 8.13 says. Deviations from the thesis: (1) a step leads to a
+terminal state with a blank image of its own, so that a one-step task is a decision
+process like the others; (2) beside the views trained on there are held-out views.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from envs.banks import ImageBank, Size, make_bank, pixels
+from envs.camera import Worlds
+from envs.render import PAPER
+from envs.world import World
+
+
+def recognition_world(bank: ImageBank) -> World:
+    """The one-step world of a bank: state c shows class c, action c names it."""
+    classes = bank.stacked
+    count, views = classes.shape[:2]
+    blank = np.full(classes.shape[2:], PAPER, np.uint8)
+    reward = np.full((count + 1, count, 1), -1.0)
+    reward[np.arange(count), np.arange(count)] = 1.0
+    reward[count] = 0.0
+    over = np.arange(count + 1) == count
+    rows = np.arange(count + 1)[:, None] * views + np.arange(views)
+    rows[over] = count * views
+    return World(
+        next_state=np.full((count + 1, count, 1), count),
+        probability=np.ones((count + 1, count, 1)),
+        reward=reward,
+        terminal=over,
+        start=np.where(over, 0, 1 / count),
+        views=rows,
+        n_views=np.where(over, 1, views),
+        images=np.concatenate([classes.reshape(-1, *classes.shape[2:]), blank[None]]),
+        state_names=[*bank.names, "over"],
+        action_names=bank.names,
+    )
+
+
+def object_recognition(
+    classes: int = 16,
+    bank: str = "photographs",
+    bank_seed: int = 0,
+    views: int = 1,
+    heldout_views: int = 5,
+    image_size: Size = 128,
+) -> Worlds:
+    """Name the object.
+
+    ## Description
+    One of `classes` objects is shown, in one of its views, and must be named
+    (thesis 8.4.4, figures 8.15 and 8.18b). Registered as `ObjectRecognition-v0`.
+
+    ## Observation Space
+    `Box(0, 255, (H, W, 3), uint8)`, or with `obs="index"` `Discrete(N)`, the index in
+    the bank of N images.
+
+    ## Action Space
+    `Discrete(classes)`: the class.
+
+    ## Rewards
+    +1 for the right class, -1 for any other (equation 8.13).
+
+    ## Starting State
+    Any class, uniformly, in any of its views.
+
+    ## Episode End
+    Termination after one step.
+
+    ## Arguments
+    Args:
+        classes: how many objects, at least 2.
+        bank: "photographs", "rendered", "coil100" or the path of a folder of classes.
+        bank_seed: which objects and which views.
+        views: training views per object.
+        heldout_views: further views for the held-out world; 0 for none.
+        image_size: side in pixels, or (width, height).
+
+    Raises:
+        ValueError: an impossible option, a bank that cannot provide the images.
+    """
+    if classes < 2:
+        raise ValueError(f"classes must be at least 2, not {classes}: one object needs no recognition")
+    if views < 1 or heldout_views < 0:
+        raise ValueError(f"views must be at least 1 and heldout_views 0, not {views} and {heldout_views}")
+    whole = make_bank(bank, classes, views + heldout_views, pixels(image_size), bank_seed)
+    train, heldout = whole.split(views, heldout_views)
+    return Worlds(recognition_world(train), recognition_world(heldout) if heldout_views else None)
