@@ -47,6 +47,14 @@ Crop = tuple[str, float, float, float]  # photograph, centre x and y, width in n
 
 
 @lru_cache(maxsize=32)
+def _grey(package: str, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """A photograph in grey, and its mean absolute gradient in grey levels a pixel."""
+    grey = cv2.cvtColor(_photograph(package, name), cv2.COLOR_RGB2GRAY)
+    gradient = np.abs(cv2.Sobel(grey, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+    return grey, gradient / 8
+
+
+@lru_cache(maxsize=32)
 def _photograph(package: str, name: str) -> np.ndarray:
     """One shipped photograph, RGB; found without importing the package that ships it."""
     root, _, inside = package.partition("/")
@@ -59,12 +67,7 @@ def _photograph(package: str, name: str) -> np.ndarray:
     raise FileNotFoundError(f"{root} no longer ships {name}: install the version in constraints.txt")
 
 
-def _photographs() -> dict[str, np.ndarray]:
-    return {
-        Path(name).stem: _photograph(package, name)
-        for package, names in PHOTOGRAPHS.items()
-        for name in names
-    }
+FILES = {Path(name).stem: (package, name) for package, names in PHOTOGRAPHS.items() for name in names}
 
 
 def photograph_views(
@@ -83,11 +86,10 @@ def photograph_views(
     Raises:
         ValueError: there are not so many textured crops.
     """
-    sources = _photographs()
     crops: list[Crop] = []
     first = min(max(*size, SMALLEST), LARGEST)
     for extent in (first, *(extent for extent in FEWER if extent < first)):
-        crops = _choose(sources, classes, size, extent, np.random.default_rng([seed, 1]))
+        crops = _choose(classes, size, extent, np.random.default_rng([seed, 1]))
         if len(crops) == classes:
             break
     else:
@@ -100,7 +102,7 @@ def photograph_views(
         stack = np.empty((views, size[1], size[0], 3), np.uint8)
         for view in range(views):
             rng = np.random.default_rng([seed, 2, rank, view])
-            stack[view] = _view(sources[name], (x, y), width, size, rng if view else None)
+            stack[view] = _view(_photograph(*FILES[name]), (x, y), width, size, rng if view else None)
         arrays.append(stack)
     return [f"{name} {x:.0f},{y:.0f}" for name, x, y, _ in crops], arrays
 
@@ -108,14 +110,12 @@ def photograph_views(
 # -------------------------------------------------------------------- which crops
 
 
-def _choose(
-    sources: dict[str, np.ndarray], classes: int, size: tuple[int, int], extent: int, rng: np.random.Generator
-) -> list[Crop]:
+def _choose(classes: int, size: tuple[int, int], extent: int, rng: np.random.Generator) -> list[Crop]:
     """Up to `classes` crops, taken in turn from the photographs in a random order."""
     scale = extent / max(size)
     width, height = size[0] * scale, size[1] * scale
-    order = [str(name) for name in rng.permutation(sorted(sources))]
-    queues = {name: _candidates(sources[name], width, height, rng) for name in order}
+    order = [str(name) for name in rng.permutation(sorted(FILES))]
+    queues = {name: _candidates(_photograph(*FILES[name]), width, height, rng) for name in order}
     taken: dict[str, list[tuple[float, float]]] = {name: [] for name in order}
     crops: list[Crop] = []
     while any(queues.values()) and len(crops) < classes:
@@ -126,9 +126,7 @@ def _choose(
                     max(width - abs(x - u), 0) * max(height - abs(y - v), 0) <= OVERLAP * width * height
                     for u, v in taken[name]
                 )
-                if free and _textured(
-                    _view(sources[name], (x, y), width, (round(width), round(height)), None)
-                ):
+                if free and _textured(*_grey(*FILES[name]), (x, y), (width, height)):
                     taken[name].append((x, y))
                     crops.append((name, x, y, width))
                     break
@@ -152,17 +150,20 @@ def _candidates(
     return [centres[k] for k in rng.permutation(len(centres))]
 
 
-def _textured(crop: np.ndarray) -> bool:
-    """Whether each of the nine parts of an RGB crop has contrast and SIFT keypoints."""
-    grey = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
-    gradient = np.abs(cv2.Sobel(grey, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(grey, cv2.CV_32F, 0, 1))
-    parts = cv2.resize(gradient, (3, 3), interpolation=cv2.INTER_AREA) / 8
-    if parts.min() < CONTRAST:
+def _textured(
+    grey: np.ndarray, gradient: np.ndarray, center: tuple[float, float], size: tuple[float, float]
+) -> bool:
+    """Whether each of the nine parts of a crop has contrast and SIFT keypoints."""
+    width, height = round(size[0]), round(size[1])
+    left, top = max(round(center[0] - width / 2), 0), max(round(center[1] - height / 2), 0)
+    part = slice(top, top + height), slice(left, left + width)
+    if cv2.resize(gradient[part], (3, 3), interpolation=cv2.INTER_AREA).min() < CONTRAST:
         return False
+    grey = np.ascontiguousarray(grey[part])
+    height, width = grey.shape
     keypoints = cv2.SIFT_create().detect(grey)  # type: ignore[attr-defined]
     if not keypoints:
         return False
-    height, width = grey.shape
     counts = np.zeros((3, 3), int)
     for x, y in (keypoint.pt for keypoint in keypoints):
         counts[min(int(3 * y / height), 2), min(int(3 * x / width), 2)] += 1
