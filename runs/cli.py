@@ -64,7 +64,9 @@ def parse(command: Callable[..., Any], module: str, arguments: list[str] | None)
         if stop.code in (0, None):  # --help
             raise
         text = re.sub(r"[╭╮╰╯│─┌┐└┘]+", " ", complaint.getvalue())
-        text = re.sub(r"^\s*(Parsing error|Required options|Unrecognized options)\s*", "", " ".join(text.split()))
+        text = re.sub(
+            r"^\s*(Parsing error|Required options|Unrecognized options)\s*", "", " ".join(text.split())
+        )
         raise UserMistake(f"{text[:300] or 'arguments not understood'}") from None
     return lambda: command(*bound["args"], **bound["kwargs"])
 
@@ -83,6 +85,15 @@ def mistakes(doing: str = "") -> Iterator[None]:
         if isinstance(error, OSError) and error.filename and error.strerror:
             raise UserMistake(f"{doing}{error.filename}: {error.strerror}") from error
         raise UserMistake(f"{doing}{one_line(error)}") from error
+
+
+@contextlib.contextmanager
+def mistakes_of(*kinds: type[Exception]) -> Iterator[None]:
+    """Errors of these kinds, whose message is one clear line already, are the user's to put right."""
+    try:
+        yield
+    except kinds as error:
+        raise UserMistake(one_line(error)) from error
 
 
 def known(kind: str, name: str, names: Iterable[str]) -> str:
@@ -126,7 +137,9 @@ def check_imports(names: Iterable[str] = OURS) -> None:
         spec = importlib.util.find_spec(name)
         origin = Path(spec.origin).resolve() if spec is not None and spec.origin else None
         if origin is None:
-            raise UserMistake(f"the package '{name}' is not found: run from {root}, or `pip install -e .` there")
+            raise UserMistake(
+                f"the package '{name}' is not found: run from {root}, or `pip install -e .` there"
+            )
         if not origin.is_relative_to(root):
             raise UserMistake(
                 f"'{name}' is imported from {origin.parent}, which shadows ours in {root / name}: "

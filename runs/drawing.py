@@ -30,7 +30,9 @@ def gaze_on(image: np.ndarray, readings: Sequence[Reading], width: int = 320) ->
     """
     scale = width / image.shape[1]
     height = round(image.shape[0] * scale)
-    canvas = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    canvas = cv2.resize(
+        image, (width, height), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    )
     line = max(2, width // 160)
     number = 0
     for reading in readings:
@@ -48,7 +50,9 @@ def gaze_on(image: np.ndarray, readings: Sequence[Reading], width: int = 320) ->
             number += 1
             at = (left + line + 2, top + line + max(12, width // 16))
             cv2.putText(canvas, str(number), at, cv2.FONT_HERSHEY_SIMPLEX, width / 500, BLACK, line + 2)
-            cv2.putText(canvas, str(number), at, cv2.FONT_HERSHEY_SIMPLEX, width / 500, WHITE, max(1, line // 2))
+            cv2.putText(
+                canvas, str(number), at, cv2.FONT_HERSHEY_SIMPLEX, width / 500, WHITE, max(1, line // 2)
+            )
     return canvas
 
 

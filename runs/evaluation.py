@@ -83,26 +83,29 @@ def _episode(
     return mean, discounted, steps, average + float(earned.sum()) / horizon
 
 
-def policy_table(model: Any, images: np.ndarray, mode: str, n_actions: int) -> np.ndarray:
-    """`(N, A)` action probabilities of a model for each of `images`.
+def policy_table(model: Any, world: World, mode: str, own: bool) -> np.ndarray:
+    """`(N, A)` action probabilities of a model for each image of `world`.
 
     Args:
         model: anything with SB3's `predict`; greedy unless it has `action_probabilities`.
-        images: `(N, H, W, 3)` uint8.
-        mode: `"index"` (the model holds a bank, which is exchanged for `images` meanwhile)
-            or `"pixels"`.
-        n_actions: A.
+        world: gives the images.
+        mode: `"index"` or `"pixels"`, how the model observes.
+        own: whether these are the images that its indices mean; otherwise its bank is
+            exchanged for them meanwhile, in parts where there are more than indices.
     """
+    images, n_actions = world.images, world.n_actions
     if hasattr(model, "action_probabilities"):
         return np.asarray(model.action_probabilities(np.arange(len(images))))
     if mode == "pixels":
         batches = [images[i : i + CHUNK] for i in range(0, len(images), CHUNK)]
         return np.concatenate([_greedy(model, batch, n_actions) for batch in batches])
+    if own:
+        return _greedy(model, np.arange(len(images)), n_actions)
     size = int(model.observation_space.n)
     tables = []
     for i in range(0, len(images), size):
         part = images[i : i + size]
-        with exchanged_bank(model, part):
+        with _exchanged_bank(model, part):
             tables.append(_greedy(model, np.arange(len(part)), n_actions))
     return np.concatenate(tables)
 
@@ -118,7 +121,7 @@ def _greedy(model: Any, observations: np.ndarray, n_actions: int) -> np.ndarray:
 
 
 @contextmanager
-def exchanged_bank(model: Any, images: np.ndarray) -> Iterator[None]:
+def _exchanged_bank(model: Any, images: np.ndarray) -> Iterator[None]:
     """Let an index model see other images behind its indices, at most as many as it has indices."""
     holders = [model] if hasattr(model, "set_bank") else _bank_modules(model)
     if not holders:
@@ -153,7 +156,7 @@ def tree_figures(model: Any, worlds: Sequence[World]) -> TreeFigures | None:
     """Figures of a model's tree, or None if it has none.
 
     Args:
-        model: a learner with `tree` and `leaf_numbers(images)`.
+        model: any model; a learner of trees has `tree`.
         worlds: the training world and, where there is one, that with held-out views.
     """
     tree = getattr(model, "tree", None)
@@ -172,6 +175,12 @@ def tree_figures(model: Any, worlds: Sequence[World]) -> TreeFigures | None:
         state_reduction_index(cells),
         leaf_entropy(cells),
     )
+
+
+def leaf_numbers(model: Any, images: np.ndarray) -> np.ndarray:
+    """`(N,)` level-order numbers, from 1, of the leaves that images fall in."""
+    numbers = model.tree.level_order_numbers()
+    return np.array([numbers[model.policy.leaf(image).row] for image in images])
 
 
 def views_by_state(world: World) -> list[np.ndarray]:

@@ -52,43 +52,43 @@ def _rlvc(env: Any, seed: int, **settings: Any) -> Any:
 
 
 def _nature_ppo(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines import NaturePPO
+    from baselines.nature_cnn import NaturePPO
 
     return NaturePPO(env, seed=seed, **settings)
 
 
 def _nature_dqn(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines import NatureDQN
+    from baselines.nature_cnn import NatureDQN
 
     return NatureDQN(env, seed=seed, **settings)
 
 
 def _glimpse_ppo(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines import GlimpsePPO
+    from baselines.glimpse import GlimpsePPO
 
     return GlimpsePPO(env, seed=seed, **settings)
 
 
 def _pixel_tree(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines import PixelTree
+    from baselines.pixel_tree import PixelTree
 
     return PixelTree(env, seed=seed, **settings)
 
 
 def _thumbnail_q(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines import ThumbnailQ
+    from baselines.tabular import ThumbnailQ
 
     return ThumbnailQ(env, seed=seed, **settings)
 
 
 def _tabular_q(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines import TabularQ
+    from baselines.tabular import TabularQ
 
     return TabularQ(env, seed=seed, **settings)
 
 
 def _random(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines import RandomAgent
+    from baselines.random_agent import RandomAgent
 
     settings.pop("gamma", None)  # it values nothing
     return RandomAgent(env, seed=seed, **settings)
@@ -110,7 +110,9 @@ _ALL = (
     _glimpse("GlimpsePPO-glance", "none", "the glance alone"),
     Method("PixelTree", "control", _pixel_tree, 8, "index", note="tree over thresholds of raw pixels"),
     Method("ThumbnailQ", "control", _thumbnail_q, 8, "index", note="table over a hash of an 8×8 thumbnail"),
-    Method("TabularQ", "control", _tabular_q, 8, "state", note="table over the hidden state: told the answer"),
+    Method(
+        "TabularQ", "control", _tabular_q, 8, "state", note="table over the hidden state: told the answer"
+    ),
     Method("Random", "control", _random, 8, "index", note="uniform random actions"),
 )
 

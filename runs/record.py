@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 import types
 import typing
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -117,7 +117,9 @@ def from_json(text: str | bytes, source: str) -> Record:
         raise RecordError(f"{source}: expected a JSON object with the fields of a run, found {_kind(data)}")
     missing = [name for name in _REQUIRED if name not in data]
     if missing:
-        raise RecordError(f"{source}: the field '{missing[0]}' is missing; is this a result.json of this project?")
+        raise RecordError(
+            f"{source}: the field '{missing[0]}' is missing; is this a result.json of this project?"
+        )
     values = {name: _checked(name, data[name], kind, source) for name, kind in _TYPES.items() if name in data}
     return Record(**values)
 
@@ -223,7 +225,9 @@ def _checked(name: str, value: Any, kind: Any, source: str) -> Any:
     if expected is float and _is_number(value):
         return float(value)
     if typing.get_origin(expected) is dict and isinstance(value, dict) and len(value) <= 100:
-        return {key: _checked(name, item, typing.get_args(expected)[1], source) for key, item in value.items()}
+        return {
+            key: _checked(name, item, typing.get_args(expected)[1], source) for key, item in value.items()
+        }
     if typing.get_origin(expected) is list and isinstance(value, list) and len(value) <= 10_000:
         item_kind = typing.get_args(expected)[0]
         return [_checked(name, item, item_kind, source) for item in value]

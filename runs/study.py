@@ -61,7 +61,7 @@ class Study:
     seeds: int
     cpu_hours: float
     gamma: float = 0.8
-    evaluations: int = 40
+    evaluations: int = 20
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     reference: str = "STree"
 

@@ -122,6 +122,6 @@ def write_summary(folder: Path, record: Record, settings: Mapping[str, Any]) -> 
         for name, value in shown.items():
             writer.add_scalar(name, value, record.env_steps)
         for tag, file in (("tree/drawing", "tree.png"), ("gaze/decisions", "gaze.png")):
-            picture = cv2.imread(str(folder / file))
-            if picture is not None:
-                writer.add_image(tag, cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), record.env_steps, dataformats="HWC")
+            if (folder / file).exists():
+                picture = cv2.imread(str(folder / file), cv2.IMREAD_COLOR_RGB)
+                writer.add_image(tag, picture, record.env_steps, dataformats="HWC")

@@ -32,7 +32,9 @@ STUDY = Study(
         Task(_FOUR, "share-seven", _STEPS, {"views": 1, "share": "seven"}, "seven cells share an image"),
         Task(_FOUR, "share-two", _STEPS, {"views": 1, "share": "two"}, "two images in all"),
         Task(_FOUR, "five-views", _LARGER, {"views": 5}, "five views of a cell to learn on, five held out"),
-        Task("attn_tree/VisualGridworld-6x6-v0", "distinct", _LARGER, {"views": 1}, "obstacles of thesis 7.4"),
+        Task(
+            "attn_tree/VisualGridworld-6x6-v0", "distinct", _LARGER, {"views": 1}, "obstacles of thesis 7.4"
+        ),
         Task("attn_tree/VisualGridworld-10x10-v0", "distinct", _LARGER, {"views": 1}, "a maze of 28 cells"),
     ],
     methods=SMOKE.methods,
