@@ -42,7 +42,7 @@ from attn_tree.vocabulary import Vocabulary
 
 # Images a vocabulary is prepared from; the thesis says "some random images".
 _PREPARE_IMAGES = 40
-# Values have settled when a Tree-fixed phase moves none by more than this share of the reward range.
+# Share of the reward range by which Q may differ from the Δ remembered and still count as settled.
 _SETTLED = 0.01
 
 
@@ -65,7 +65,7 @@ class QuasiStaticLearner(TableLearner):
         env: GymEnv | str | None,
         vocabulary: Vocabulary,
         *,
-        episodes_per_phase: int = 50,
+        episodes_per_phase: int = 20,
         growth: Growth | dict[str, Any] | None = None,
         **learner_settings: Any,
     ) -> None:
@@ -89,7 +89,6 @@ class QuasiStaticLearner(TableLearner):
         self._remembering = True
         self._episodes_in_phase = 0
         self._quiet_phases = 0
-        self._values_before: np.ndarray | None = None
         self._unsplittable: dict[int, frozenset[int]] = {}
         self._percepts: Percepts = self._make_percepts()
         super()._setup_model()
@@ -230,7 +229,7 @@ class QuasiStaticLearner(TableLearner):
         future = np.where(memory.terminated, 0.0, self.values[next_rows].max(axis=1))
         deltas = memory.rewards + self.gamma * future
         spread = float(np.ptp(memory.rewards)) if len(memory) else 0.0
-        settled = self._settled(spread)
+        settled = self._settled(rows, memory.actions, deltas, counts, spread)
         self.aliased, variances = 0, []
         threshold = self._aliasing_threshold(spread)
         for leaf in self.grown_tree.leaves:
@@ -242,7 +241,6 @@ class QuasiStaticLearner(TableLearner):
         self.phase += 1
         self._quiet_phases = self._quiet_phases + 1 if self.aliased == 0 and settled else 0
         self._forget(memory)
-        self._values_before = self.values.copy()
         self.version += 1
         self._log_phase()
 
@@ -251,12 +249,22 @@ class QuasiStaticLearner(TableLearner):
             return self.growth.aliasing_threshold
         return (self.growth.relative_threshold * spread) ** 2
 
-    def _settled(self, spread: float) -> bool:
-        """Whether the last Tree-fixed phase left the values where they were."""
-        before, after = self._values_before, self.values
-        if before is None or before.shape != after.shape:
-            return False
-        return float(np.abs(after - before).max()) <= _SETTLED * spread
+    def _settled(
+        self, rows: np.ndarray, actions: np.ndarray, deltas: np.ndarray, counts: np.ndarray, spread: float
+    ) -> bool:
+        """Whether Q agrees with what is remembered: the Bellman residual of every leaf and action.
+
+        Differences of Δ below the aliasing threshold are excused; larger ones are not, so where
+        percepts hide the state learning goes on until α has fallen.
+        """
+        size = self.values.size
+        entries = rows * self.values.shape[1] + actions
+        totals = np.maximum(np.bincount(entries, counts, size), 1)
+        means = np.bincount(entries, deltas * counts, size) / totals
+        spreads = np.sqrt(np.bincount(entries, (deltas - means[entries]) ** 2 * counts, size) / totals)
+        residuals = np.abs(self.values.ravel() - means)[entries]
+        excused = np.minimum(spreads[entries], np.sqrt(self._aliasing_threshold(spread)))
+        return bool((residuals <= _SETTLED * spread + 2 * excused).all())
 
     def _refine_leaf(
         self, leaf: Node, memory: Transitions, deltas: np.ndarray, counts: np.ndarray, threshold: float

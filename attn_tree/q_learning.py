@@ -8,7 +8,9 @@ is here once.
 Deviations: (1) environments run in a batch; the updates of one batch take their
 targets from the table as it was before the batch and are then composed in order,
 exactly, so one environment gives plain Q-learning; (2) a time-out is not an end:
-the update bootstraps through it; (3) ε is the probability of *exploring*.
+the update bootstraps through it; (3) ε is the probability of *exploring*; (4) α falls
+from the thesis's 0.7 to 0.02 by default, since a constant α leaves the values of a leaf
+that serves several situations at the mercy of the last update.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from attn_tree.spaces_json import space_from_json, space_to_json
 from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
 
 Rate: TypeAlias = float | Callable[[float], float]
+LEARNING_RATE = LinearSchedule(0.7, 0.02, 1.0)
 
 
 def q_update(
@@ -124,9 +127,9 @@ class TableLearner(BaseAlgorithm):
         self,
         env: GymEnv | str | None,
         *,
-        learning_rate: Rate = 0.7,
+        learning_rate: Rate = LEARNING_RATE,
         gamma: float = 0.8,
-        epsilon: Rate = 0.3,
+        epsilon: Rate = 0.7,
         temperature: float | None = None,
         stats_window_size: int = 100,
         tensorboard_log: str | None = None,
