@@ -20,6 +20,7 @@ result behind the camera. Arguments common to all ids:
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -343,6 +344,10 @@ def _build(builder: str | Callable[..., Worlds], split: str, kwargs: dict[str, A
     if isinstance(builder, str):
         module, _, name = builder.partition(":")
         builder = getattr(importlib.import_module(module), name)
+    known = inspect.signature(builder).parameters  # type: ignore[arg-type]
+    for name in kwargs:
+        if name not in known:
+            raise ValueError(f"unknown argument {name!r}: this environment takes {', '.join(known)}")
     worlds: Worlds = builder(**kwargs)  # type: ignore[operator]
     if split == "train":
         return worlds

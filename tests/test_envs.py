@@ -197,6 +197,7 @@ def test_recognition_pays_the_matrix_of_equation_8_13():
         ({"share": [(1, 2), (2, 3)]}, "named twice"),
         ({"views": 0}, "views must be at least 1"),
         ({"image_size": 4}, "at least 16"),
+        ({"n_views": 2}, "unknown argument 'n_views': this environment takes map"),
         ({"bank": "paintings"}, "unknown bank 'paintings'"),
         ({"map": "S.#", "share": "two"}, "exactly one goal"),
     ],
