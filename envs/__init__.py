@@ -39,8 +39,8 @@ REGISTERED = tuple(f"attn_tree/{name}" for name in TABLE)
 for _id, _task in zip(REGISTERED, TABLE.values(), strict=True):
     gym.register(
         _id,
-        entry_point="envs.camera:make_camera",
-        vector_entry_point="envs.camera:make_camera_vector",
+        entry_point="envs.entry_points:make_camera",
+        vector_entry_point="envs.entry_points:make_camera_vector",
         max_episode_steps=_task.max_episode_steps,
         kwargs={"builder": _task.builder, **_task.kwargs},
     )

@@ -6,23 +6,16 @@ sub-environment seeded `seed + i`, two numbers a step (successor, view) and two 
 reset (start, view), so for the same seeds and actions they give the same
 trajectories to the bit, whatever the batch.
 
-`make_camera` and `make_camera_vector` are the entry points of every registered id:
-they call a builder of worlds (`envs.gridworld:visual_gridworld`, say) and put the
-result behind the camera. Arguments common to all ids:
-
     obs: "pixels" `(H, W, 3)` uint8, a fresh copy; "index" the image's index in the
         bank `env.bank`, for learners that hold the bank; "state" the hidden state,
         only for the control that is told it.
-    split: "train" or "heldout", which views the camera shows.
     render_mode: None or "rgb_array".
 """
 
 from __future__ import annotations
 
-import importlib
-import inspect
-from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -31,61 +24,12 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from envs.render import draw_frame
+from envs.streams import Stream, Streams
 from envs.world import World
 
 Observe = Literal["pixels", "index", "state"]
 OBSERVE = ("pixels", "index", "state")
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
-BLOCK = 256  # uniforms drawn ahead; even, since they are consumed in pairs
-
-
-class Stream:
-    """The uniform numbers of one sub-environment, drawn ahead in blocks, used in pairs."""
-
-    def __init__(self, generator: np.random.Generator) -> None:
-        self._generator = generator
-        self._block: list[float] = []
-        self._cursor = 0
-
-    def pair(self) -> tuple[float, float]:
-        """The next two numbers in [0, 1)."""
-        if self._cursor == len(self._block):
-            self._block, self._cursor = self._generator.random(BLOCK).tolist(), 0
-        self._cursor += 2
-        return self._block[self._cursor - 2], self._block[self._cursor - 1]
-
-
-class Streams:
-    """The same for a batch: stream i yields what `Stream(generators[i])` yields."""
-
-    def __init__(self, generators: Sequence[np.random.Generator]) -> None:
-        self._generators = list(generators)
-        self._rows = np.arange(len(self._generators))
-        self._pairs = np.stack([self._draw(generator, BLOCK) for generator in self._generators])
-        self._cursor = np.zeros(len(self._generators), dtype=np.intp)
-        self._calls = BLOCK // 2  # calls that cannot run out, whichever rows they ask for
-
-    @staticmethod
-    def _draw(generator: np.random.Generator, numbers: int) -> np.ndarray:
-        return generator.random(numbers).reshape(-1, 2)
-
-    def take(self, rows: np.ndarray | None = None) -> np.ndarray:
-        """The next pair of every stream, or of `rows`, `(n, 2)`."""
-        if self._calls == 0:
-            self._refill()
-        self._calls -= 1
-        rows = self._rows if rows is None else rows
-        pairs = self._pairs[rows, self._cursor[rows]]
-        self._cursor[rows] += 1
-        return pairs
-
-    def _refill(self) -> None:
-        for row, used in enumerate(self._cursor.tolist()):
-            if used:
-                fresh = self._draw(self._generators[row], 2 * used)
-                self._pairs[row] = np.concatenate([self._pairs[row, used:], fresh])
-        self._cursor[:] = 0
-        self._calls = BLOCK // 2
 
 
 def _spaces(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Discrete]:
@@ -325,64 +269,3 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             return None
         pairs = zip(self._state.tolist(), self._image.tolist(), strict=True)
         return tuple(draw_frame(self.world, state, image) for state, image in pairs)
-
-
-# -------------------------------------------------------------------- entry points
-
-
-class Worlds(NamedTuple):
-    """What a builder returns: the world with its training views, and with its held-out views."""
-
-    train: World
-    heldout: World | None
-
-
-def _build(builder: str | Callable[..., Worlds], split: str, kwargs: dict[str, Any]) -> Worlds:
-    """Call the builder (`"module:function"`); `split` decides which world the camera shows."""
-    if split not in ("train", "heldout"):
-        raise ValueError(f"split must be 'train' or 'heldout', not {split!r}")
-    if isinstance(builder, str):
-        module, _, name = builder.partition(":")
-        builder = getattr(importlib.import_module(module), name)
-    known = inspect.signature(builder).parameters  # type: ignore[arg-type]
-    for name in kwargs:
-        if name not in known:
-            raise ValueError(f"unknown argument {name!r}: this environment takes {', '.join(known)}")
-    worlds: Worlds = builder(**kwargs)  # type: ignore[operator]
-    if split == "train":
-        return worlds
-    if worlds.heldout is None:
-        raise ValueError("split='heldout' needs held-out views: give heldout_views of at least 1")
-    return Worlds(worlds.heldout, worlds.heldout)
-
-
-def make_camera(
-    builder: str, obs: Observe = "pixels", split: str = "train", render_mode: str | None = None, **kwargs: Any
-) -> CameraEnv:
-    """Entry point of every registered id."""
-    worlds = _build(builder, split, kwargs)
-    return CameraEnv(worlds.train, obs=obs, heldout=worlds.heldout, render_mode=render_mode)
-
-
-make_camera.metadata = CameraEnv.metadata  # type: ignore[attr-defined]  # gymnasium.make asks for it
-
-
-def make_camera_vector(
-    builder: str,
-    num_envs: int = 1,
-    obs: Observe = "pixels",
-    split: str = "train",
-    max_episode_steps: int | None = None,
-    render_mode: str | None = None,
-    **kwargs: Any,
-) -> CameraVectorEnv:
-    """Vector entry point of every registered id."""
-    worlds = _build(builder, split, kwargs)
-    return CameraVectorEnv(
-        worlds.train,
-        num_envs,
-        obs=obs,
-        heldout=worlds.heldout,
-        max_episode_steps=max_episode_steps,
-        render_mode=render_mode,
-    )

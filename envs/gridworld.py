@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.banks import Size, make_bank, pixels
-from envs.camera import Worlds
+from envs.entry_points import Worlds
 from envs.render import goal_image
 from envs.world import World
 

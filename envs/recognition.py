@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from envs.banks import ImageBank, Size, make_bank, pixels
-from envs.camera import Worlds
+from envs.entry_points import Worlds
 from envs.render import PAPER
 from envs.world import World
 
