@@ -167,11 +167,6 @@ def open_env(env: GymEnv | str) -> GymEnv:
     return gym.make(env) if isinstance(env, str) else env
 
 
-def steps_per_update(env: GymEnv, total: int = 256) -> int:
-    """PPO's `n_steps` that makes a rollout of about `total` steps, however many environments there are."""
-    return max(total // (env.num_envs if isinstance(env, VecEnv) else 1), 8)
-
-
 def image_shape(space: gym.Space) -> tuple[int, int, int]:
     """`(C, H, W)` of an image space, which may have its channels first or last."""
     if not is_image_space(space, check_channels=False):

@@ -3,9 +3,8 @@
 The network is SB3's own (Mnih et al. 2015); only its input goes through
 `TensorRetina`, so that the meter sees what it reads. The constructors return
 stock SB3 models, for environments of pixels (SB3 puts the channels first itself)
-or of indices into a bank. Defaults were tuned on seeds 100–104 of the 4×4
-gridworld of photographs (runs/results/README.md says how); every keyword of
-`PPO` and `DQN` overrides them.
+or of indices into a bank. Every keyword of `PPO` and `DQN` overrides the defaults
+of `baselines.settings`.
 """
 
 from __future__ import annotations
@@ -21,7 +20,8 @@ from stable_baselines3.common.torch_layers import NatureCNN
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.vision.retina import TensorRetina
-from baselines.bank_extractor import channels_first, image_kwargs, image_shape, open_env, steps_per_update
+from baselines.bank_extractor import channels_first, image_kwargs, image_shape, open_env
+from baselines.settings import dqn_settings, ppo_settings
 
 
 class NatureExtractor(NatureCNN):
@@ -63,37 +63,15 @@ def NaturePPO(env: GymEnv | str, *, size: int | None = None, seed: int | None = 
         **kwargs: to `PPO`; `policy_kwargs` is merged.
     """
     env = open_env(env)
-    settings: dict[str, Any] = {
-        "n_steps": steps_per_update(env),
-        "batch_size": 64,
-        "n_epochs": 4,
-        "learning_rate": 5e-4,
-        "gamma": 0.8,
-        "ent_coef": 0.01,
-        "device": "cpu",
-    } | kwargs
-    return PPO("MlpPolicy", env, seed=seed, **_with_network(env, size, settings))
+    return PPO("MlpPolicy", env, seed=seed, **ppo_settings(env, 5e-4, _network(env, size), kwargs))
 
 
 def NatureDQN(env: GymEnv | str, *, size: int | None = None, seed: int | None = None, **kwargs: Any) -> DQN:
     """DQN on the full image; arguments as for `NaturePPO`, `**kwargs` to `DQN`."""
     env = open_env(env)
-    settings: dict[str, Any] = {
-        "learning_rate": 5e-4,
-        "buffer_size": 10_000,
-        "learning_starts": 200,
-        "batch_size": 64,
-        "train_freq": 2,
-        "target_update_interval": 200,
-        "gamma": 0.8,
-        "exploration_fraction": 0.5,
-        "exploration_final_eps": 0.1,
-        "device": "cpu",
-    } | kwargs
-    return DQN("MlpPolicy", env, seed=seed, **_with_network(env, size, settings))
+    return DQN("MlpPolicy", env, seed=seed, **dqn_settings(_network(env, size), kwargs))
 
 
-def _with_network(env: GymEnv, size: int | None, settings: dict[str, Any]) -> dict[str, Any]:
+def _network(env: GymEnv, size: int | None) -> dict[str, Any]:
     # SB3 gives NatureCNN no further layers; it knows it by class, so they are named here.
-    network = {"net_arch": [], **image_kwargs(env, NatureExtractor, {"size": size})}
-    return settings | {"policy_kwargs": network | settings.get("policy_kwargs", {})}
+    return {"net_arch": [], **image_kwargs(env, NatureExtractor, {"size": size})}

@@ -7,8 +7,9 @@ from typing import Any
 from stable_baselines3 import PPO
 from stable_baselines3.common.type_aliases import GymEnv
 
-from baselines.bank_extractor import image_kwargs, open_env, steps_per_update
+from baselines.bank_extractor import image_kwargs, open_env
 from baselines.glimpse.extractor import GlimpseExtractor, Places
+from baselines.settings import ppo_settings
 
 
 def GlimpsePPO(
@@ -31,15 +32,6 @@ def GlimpsePPO(
         **kwargs: to `PPO`; `policy_kwargs` is merged.
     """
     env = open_env(env)
-    settings: dict[str, Any] = {
-        "n_steps": steps_per_update(env),
-        "batch_size": 64,
-        "n_epochs": 4,
-        "learning_rate": 1e-3,
-        "gamma": 0.8,
-        "ent_coef": 0.01,
-        "device": "cpu",
-    } | kwargs
     extractor = {
         "glimpses": glimpses,
         "patch": patch,
@@ -48,5 +40,4 @@ def GlimpsePPO(
         "place_seed": seed or 0,
     }
     network = {"net_arch": [], **image_kwargs(env, GlimpseExtractor, extractor)}
-    settings["policy_kwargs"] = network | settings.get("policy_kwargs", {})
-    return PPO("MlpPolicy", env, seed=seed, **settings)
+    return PPO("MlpPolicy", env, seed=seed, **ppo_settings(env, 2e-3, network, kwargs))
