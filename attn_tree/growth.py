@@ -32,10 +32,10 @@ class Growth:
     memory: Literal["keep", "clear"] = "keep"
     memory_size: int = 100_000
     aliasing_threshold: float | None = None
-    relative_threshold: float = 0.02
+    relative_threshold: float = 0.001
     significance: float | None = None
     cross_validated: bool = True
-    retries: int = 5
+    retries: int = 10
     prune: bool = True
     leaf_values: Literal["q", "model"] = "q"
     patience: int = 2

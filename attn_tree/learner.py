@@ -289,8 +289,8 @@ class QuasiStaticLearner(TableLearner):
     def _split(self, leaf: Node, percepts: np.ndarray, counts: np.ndarray, evidence: Evidence) -> bool:
         """Ask the best of the candidate questions at `leaf`; False if none separates its percepts."""
         retinas = [self._percepts.retina(int(percept)) for percept in percepts]
-        for _ in range(1 + (self.growth.retries if self.vocabulary.redraws else 0)):
-            questions = self.vocabulary.candidates(leaf, retinas, self.rng)
+        for attempt in range(1 + self.growth.retries):
+            questions = self.vocabulary.candidates(leaf, retinas, self.rng, attempt)
             if not questions:
                 return False
             answers = np.array([self.vocabulary.answers(questions, retina) for retina in retinas])

@@ -1,7 +1,8 @@
 """RLVC: is visual feature f anywhere in the image? (thesis 3.4, 7.4; Jodogne & Piater 2007)
 
 A node asks for one *distinctive* SIFT feature over the whole image; the tree is binary.
-Distinctive features come from clustering the SIFT features of some images.
+Distinctive features come from clustering the SIFT features of some images; where none of
+them separates the percepts of a class, features of those percepts are added (as in 3.4).
 
 Deviations: (1) the distance at which a feature counts as present is a setting of its own
 (`match`): at the thesis's clustering distance, 0.8, nearly every image holds every feature;
@@ -35,12 +36,14 @@ class FeatureVocabulary(Vocabulary):
         match: Euclidean distance within which a feature counts as present.
     """
 
+    features: np.ndarray | None
+
     def __init__(self, distinct: float, match: float) -> None:
         for name, value in (("distinct", distinct), ("match", match)):
             if not 0 < value < 2:
                 raise ValueError(f"{name} is {value}; distances of unit descriptors lie in (0, 2)")
         self.distinct, self.match = distinct, match
-        self.features: np.ndarray | None = None
+        self.features = None
 
     @property
     def ready(self) -> bool:
@@ -52,9 +55,16 @@ class FeatureVocabulary(Vocabulary):
         descriptors = np.concatenate([sift_whole(Retina(image)).descriptors for image in images])
         self.features = distinctive_features(rng.permutation(descriptors), self.distinct)
 
-    def candidates(self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator) -> list[int]:
-        """Every distinctive feature not asked above the leaf."""
+    def candidates(
+        self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator, attempt: int
+    ) -> list[int]:
+        """Every distinctive feature not asked above the leaf; then also those of the percepts themselves."""
         assert self.features is not None, "prepare comes before candidates"
+        if attempt > 1:
+            return []
+        if attempt == 1:
+            own = np.concatenate([self._read(retina).descriptors for retina in retinas])
+            self.features = np.concatenate([self.features, np.unique(own, axis=0)])
         asked = set(leaf.path_questions())
         return [feature for feature in range(len(self.features)) if feature not in asked]
 
@@ -134,7 +144,7 @@ class RLVC(QuasiStaticLearner):
         env: GymEnv | str | None,
         *,
         distinct: float = 0.8,
-        match: float = 0.5,
+        match: float = 0.55,
         growth: Growth | dict[str, Any] | None = None,
         **settings: Any,
     ) -> None:

@@ -47,8 +47,6 @@ class SaccadeVocabulary(Vocabulary):
         places: "random" over the image, or "eight" directions from the last fixation.
     """
 
-    redraws = True
-
     def __init__(self, radius: int, codewords: int, candidates: int, feature: str, places: str) -> None:
         if radius < 8:
             raise ValueError(f"radius is {radius}; SIFT needs windows of at least 16 pixels: radius >= 8")
@@ -81,12 +79,14 @@ class SaccadeVocabulary(Vocabulary):
         descriptors = np.concatenate([sift_whole(Retina(image)).descriptors for image in images])
         self.codebook = kmeans_codebook(descriptors, self.codewords, rng)
 
-    def candidates(self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator) -> list[Place]:
-        """Up to q places, none of which is on the path above the leaf."""
+    def candidates(
+        self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator, attempt: int
+    ) -> list[Place]:
+        """Up to q places, none of which is on the path above the leaf; others at each attempt."""
         path = [question for question in leaf.path_questions() if isinstance(question, Place)]
         width, height = retinas[0].width, retinas[0].height
         if self.places == "eight":
-            drawn = self._eight(path, width, height)
+            drawn = self._eight(path, width, height, rng)
         else:
             drawn = self._random(path, width, height, rng)
         return [place for place in dict.fromkeys(drawn) if place not in path]
@@ -105,10 +105,13 @@ class SaccadeVocabulary(Vocabulary):
                 break
         return drawn
 
-    def _eight(self, path: list[Place], width: int, height: int) -> list[Place]:
-        """Places one window away in steps of 45° (fig. 8.5b), and the centre for the first look."""
+    def _eight(self, path: list[Place], width: int, height: int, rng: np.random.Generator) -> list[Place]:
+        """Places in steps of 45° (fig. 8.5b) around the last one; the centre too for the first look.
+
+        The amplitude, which the thesis leaves open, is drawn: up to one window away.
+        """
         at = path[-1] if path else Place(width // 2, height // 2)
-        step = 2 * self.radius
+        step = int(rng.integers(self.radius // 2, 2 * self.radius, endpoint=True))
         steps = [(dx, dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy or not path]
         r = self.radius
         return [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +16,8 @@ class Vocabulary(ABC):
     """What may be asked of a percept, and how it is answered from a retina.
 
     A question is a hashable JSON value or a (named) tuple of them; an answer is a small
-    non-negative integer. Subclasses say in `redraws` whether `candidates` differ from
-    call to call, so that asking for more may help.
+    non-negative integer.
     """
-
-    redraws: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -33,9 +30,16 @@ class Vocabulary(ABC):
 
     @abstractmethod
     def candidates(
-        self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator
+        self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator, attempt: int
     ) -> Sequence[Question]:
-        """Questions that could split `leaf`, none asked above it; `retinas` show its percepts."""
+        """Questions that could split `leaf`, none asked above it; none at all if there are no more.
+
+        Args:
+            leaf: the aliased leaf.
+            retinas: show its percepts.
+            rng: for what is drawn at random.
+            attempt: 0 at first, then 1, 2, … as long as no question offered separates the percepts.
+        """
 
     @abstractmethod
     def answer(self, question: Question, retina: Retina) -> int:

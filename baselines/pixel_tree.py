@@ -41,8 +41,6 @@ class ThresholdVocabulary(Vocabulary):
         candidates: places drawn for a leaf; each is tried with several thresholds.
     """
 
-    redraws = True
-
     def __init__(self, patch: int, candidates: int) -> None:
         if patch < 1 or candidates < 1:
             raise ValueError(f"patch and candidates must be at least 1, not {patch} and {candidates}")
@@ -56,8 +54,10 @@ class ThresholdVocabulary(Vocabulary):
     def prepare(self, images: Sequence[np.ndarray], rng: np.random.Generator) -> None:
         """Nothing to learn beforehand."""
 
-    def candidates(self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator) -> list[Threshold]:
-        """Thresholds between the percepts of the leaf, at random places."""
+    def candidates(
+        self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator, attempt: int
+    ) -> list[Threshold]:
+        """Thresholds between the percepts of the leaf, at random places; others at each attempt."""
         last_left = max(retinas[0].width - self.patch, 0)
         last_top = max(retinas[0].height - self.patch, 0)
         drawn: dict[Threshold, None] = {}
