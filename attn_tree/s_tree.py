@@ -7,7 +7,9 @@ Deviations: (1) f2 is the strongest *response*, since descriptors have unit norm
 says largest magnitude); (2) a window without features gives a word of its own, "nothing";
 (3) windows are squares of side 2r, as in the thesis's own implementation, moved inside the
 image at its border; (4) candidate places are drawn when a leaf is about to split, not when it
-is made, and are drawn anew when none separates.
+is made, and are drawn anew when none separates; (5) the codebook clusters the features that f1 or
+f2 picks at random places instead of all features of some images: the strongest features look
+alike, and words for all features give them nearly the same answer everywhere.
 """
 
 from __future__ import annotations
@@ -22,11 +24,13 @@ from attn_tree.learner import QuasiStaticLearner
 from attn_tree.tree.node import Node
 from attn_tree.vision.codebook import distances, kmeans_codebook, nearest_word
 from attn_tree.vision.retina import Retina
-from attn_tree.vision.sift import DESCRIPTOR_SIZE, sift_in_window, sift_whole
+from attn_tree.vision.sift import DESCRIPTOR_SIZE, sift_in_window
 from attn_tree.vocabulary import Vocabulary
 
 # Tries to find a place away from those on the path before settling for any other place.
 _TRIES = 100
+# Fixations that the codebook is made from.
+_LOOKS = 400
 
 
 class Place(NamedTuple):
@@ -75,8 +79,15 @@ class SaccadeVocabulary(Vocabulary):
         return self.codewords
 
     def prepare(self, images: Sequence[np.ndarray], rng: np.random.Generator) -> None:
-        """Cluster the SIFT features of some images into the codebook."""
-        descriptors = np.concatenate([sift_whole(Retina(image)).descriptors for image in images])
+        """Cluster what fixations at random places of some images show into the codebook."""
+        shown = []
+        looks = -(-_LOOKS // len(images))
+        for retina in map(Retina, images):
+            for place in self._random([], retina.width, retina.height, rng, looks):
+                feature = self._feature(place, retina)
+                if feature is not None:
+                    shown.append(feature)
+        descriptors = np.array(shown, np.float32).reshape(-1, DESCRIPTOR_SIZE)
         self.codebook = kmeans_codebook(descriptors, self.codewords, rng)
 
     def candidates(
@@ -88,20 +99,22 @@ class SaccadeVocabulary(Vocabulary):
         if self.places == "eight":
             drawn = self._eight(path, width, height, rng)
         else:
-            drawn = self._random(path, width, height, rng)
+            drawn = self._random(path, width, height, rng, self.n_candidates)
         return [place for place in dict.fromkeys(drawn) if place not in path]
 
-    def _random(self, path: list[Place], width: int, height: int, rng: np.random.Generator) -> list[Place]:
+    def _random(
+        self, path: list[Place], width: int, height: int, rng: np.random.Generator, n: int
+    ) -> list[Place]:
+        """`n` places at random, half a window away from those on the path where the image allows it."""
         low = np.minimum(self.radius, [width // 2, height // 2])
         high = np.maximum([width - self.radius, height - self.radius], low)
         drawn: list[Place] = []
-        for attempt in range(_TRIES + self.n_candidates):
+        for attempt in range(_TRIES + n):
             place = Place(*(int(c) for c in rng.integers(low, high, endpoint=True)))
-            # Half a window away from what was seen, unless the image is too small for that.
             near = any(max(abs(place.x - p.x), abs(place.y - p.y)) < self.radius // 2 for p in path)
             if not near or attempt >= _TRIES:
                 drawn.append(place)
-            if len(drawn) == self.n_candidates:
+            if len(drawn) == n:
                 break
         return drawn
 
@@ -124,16 +137,22 @@ class SaccadeVocabulary(Vocabulary):
 
     def answer(self, question: Any, retina: Retina) -> int:
         """The codeword seen at a place, or `nothing`."""
-        features = sift_in_window(retina, (question.x, question.y), 2 * self.radius)
-        if len(features) == 0:
-            return self.nothing
         assert self.codebook is not None, "prepare comes before answer"
-        chosen = 0  # features come strongest first
-        if self.feature == "nearest":
-            side = np.minimum(2 * self.radius, [retina.width, retina.height])
-            chosen = int(((features.positions - side / 2) ** 2).sum(axis=1).argmin())
+        feature = self._feature(question, retina)
+        if feature is None:
+            return self.nothing
         retina.count(distance_operations=self.codewords * DESCRIPTOR_SIZE)
-        return nearest_word(self.codebook, features.descriptors[chosen])
+        return nearest_word(self.codebook, feature)
+
+    def _feature(self, place: Place, retina: Retina) -> np.ndarray | None:
+        """The descriptor `(128,)` that f1 or f2 picks in the window, None where it holds none."""
+        features = sift_in_window(retina, (place.x, place.y), 2 * self.radius)
+        if len(features) == 0:
+            return None
+        if self.feature == "strongest":
+            return features.descriptors[0]  # features come strongest first
+        side = np.minimum(2 * self.radius, [retina.width, retina.height])
+        return features.descriptors[((features.positions - side / 2) ** 2).sum(axis=1).argmin()]
 
     def nearest(self, question: Any, answer: int, seen: Sequence[int]) -> int | None:
         """The word under the node nearest to a word that is not; None for `nothing`."""
