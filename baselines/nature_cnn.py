@@ -69,7 +69,7 @@ def NaturePPO(env: GymEnv | str, *, size: int | None = None, seed: int | None = 
 def NatureDQN(env: GymEnv | str, *, size: int | None = None, seed: int | None = None, **kwargs: Any) -> DQN:
     """DQN on the full image; arguments as for `NaturePPO`, `**kwargs` to `DQN`."""
     env = open_env(env)
-    return DQN("MlpPolicy", env, seed=seed, **dqn_settings(_network(env, size), kwargs))
+    return DQN("MlpPolicy", env, seed=seed, **dqn_settings(env, _network(env, size), kwargs))
 
 
 def _network(env: GymEnv, size: int | None) -> dict[str, Any]:

@@ -16,11 +16,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from attn_tree.vision.retina import meter
+from attn_tree.tree.node import Tree
+from attn_tree.vision.retina import Retina, meter
 from baselines.bank_extractor import BankExtractor
 from baselines.glimpse import GlimpsePPO
 from baselines.macs import count_macs
 from baselines.nature_cnn import NatureDQN, NatureExtractor, NaturePPO
+from baselines.pixel_tree import PixelTree, Threshold, ThresholdVocabulary
 from baselines.random_agent import RandomAgent
 from baselines.tabular import TabularQ, ThumbnailQ
 
@@ -98,7 +100,7 @@ def test_nature_network_is_sb3s_in_either_channel_order() -> None:
 def test_nature_ppo_index_and_pixels_learn_the_same() -> None:
     policies = []
     for obs in ("index", "pixels"):
-        model = NaturePPO(vec(obs=obs), seed=1, n_steps=16).learn(128)
+        model = NaturePPO(vec(obs=obs), seed=1, n_steps=16, batch_size=64).learn(128)
         seen = np.arange(CELLS) if obs == "index" else BANK
         observations, _ = model.policy.obs_to_tensor(seen)
         policies.append(model.policy.get_distribution(observations).distribution.probs.detach().numpy())
@@ -191,3 +193,33 @@ def test_thumbnails_never_met_have_no_values() -> None:
     learner.set_bank(255 - BANK)
     assert not learner.policy.action_values(np.arange(CELLS)).any()
     assert TabularQ(vec(), seed=0).learn(500).values[: CELLS - 1].argmax(axis=1).tolist() == [1] * 4
+
+
+def test_threshold_questions_part_percepts_that_differ() -> None:
+    words = ThresholdVocabulary(patch=3, candidates=8)
+    retinas = [Retina(image) for image in BANK]
+    rng = np.random.default_rng(0)
+    questions = words.candidates(Tree().root, retinas, rng, 0)
+    for question in questions:
+        means = [
+            image[question.top : question.top + 3, question.left : question.left + 3, question.channel].mean()
+            for image in BANK
+        ]
+        answers = [words.answer(question, retina) for retina in retinas]
+        assert answers == [int(mean > question.level) for mean in means]
+        assert 0 < sum(answers) < CELLS
+    assert words.candidates(Tree().root, retinas[:1] * 3, rng, 0) == []
+    assert words.question_from_json(list(questions[0])) == questions[0]
+    assert isinstance(words.question_from_json([1, 2, 0, 3.5]), Threshold)
+
+
+def test_pixel_tree_learns_the_corridor_from_single_pixels(tmp_path: Path) -> None:
+    learner = PixelTree(vec(), seed=0, episodes_per_phase=20).learn(6000)
+    assert learner.predict(np.arange(CELLS - 1), deterministic=True)[0].tolist() == [1] * (CELLS - 1)
+    with meter() as cost:
+        learner.predict(2, deterministic=True)
+    assert cost.recognition <= cost.operations["questions"] <= learner.grown_tree.rows
+    learner.save(tmp_path / "tree")
+    again = PixelTree.load(tmp_path / "tree", vec())
+    assert again.vocabulary.patch == 1
+    assert again.tree.to_json() == learner.tree.to_json()

@@ -115,7 +115,7 @@ def test_index_and_pixel_mode_act_alike_and_seeds_repeat() -> None:
     policies = []
     for obs in ("index", "pixels", "index"):
         env = DummyVecEnv([lambda obs=obs: Corridor(obs)] * 4)
-        model = GlimpsePPO(env, seed=3, n_steps=16).learn(256)
+        model = GlimpsePPO(env, seed=3, n_steps=16, batch_size=64).learn(256)
         seen = np.arange(CELLS) if obs == "index" else Corridor().bank
         observations, _ = model.policy.obs_to_tensor(seen)
         policies.append(model.policy.get_distribution(observations).distribution.probs.detach().numpy())
