@@ -4,7 +4,9 @@
   bound that no method which has to look can beat.
 - `ThumbnailQ` has one row for each distinct thumbnail it meets. It reads a few
   dozen values and asks no question at all. Where one photograph stands for one
-  cell this is enough, and any claim for attention has to be made elsewhere.
+  cell this is enough, and any claim for attention has to be made elsewhere. So that
+  it is no straw man on new views, a thumbnail never met in learning is taken for the
+  nearest one that was, as the trees take an unknown answer for the nearest known one.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from attn_tree.q_learning import Rate, TableLearner
 from attn_tree.vision.retina import Retina, metering
 from baselines.bank_extractor import bank_of
 
-_UNSEEN = 0  # the row of thumbnails never met in learning; it stays at zero
+_NOTHING = 0  # the row before anything has been met; it stays at zero
 
 
 class TabularQ(TableLearner):
@@ -36,8 +38,7 @@ class ThumbnailQ(TableLearner):
     Args:
         env: observations are images `(H, W, C)` or indices into the environment's `bank`.
         size: the thumbnail has `size` × `size` values …
-        levels: … of this many grey levels. Two images with the same thumbnail are the same percept;
-            a thumbnail never met in learning has no values, and its greedy action is the first.
+        levels: … of this many grey levels. Two images with the same thumbnail are the same percept.
         **kwargs: `TableLearner`'s.
     """
 
@@ -106,29 +107,42 @@ class ThumbnailQ(TableLearner):
 
     def _look(self, images: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
         """Rows `(n,)` of images."""
-        rows = np.array([self._row(self._thumbnail(image)) for image in images], np.intp)
+        rows = np.array([self._row(image) for image in images], np.intp)
         missing = 1 + len(self._row_of) - len(self.values)
         if missing > 0:
             self.values = np.concatenate([self.values, np.zeros((missing, self.values.shape[1]))])
         return rows
 
-    def _thumbnail(self, image: np.ndarray) -> bytes:
-        colours = Retina(image).glance(self.size, stage="recognition")
+    def _row(self, image: np.ndarray) -> int:
+        retina = Retina(image)
+        thumbnail = self._thumbnail(retina)
+        row = self._row_of.get(thumbnail)
+        if row is not None:
+            return row
+        if self._learning:
+            return self._row_of.setdefault(thumbnail, 1 + len(self._row_of))
+        if not self._row_of:
+            return _NOTHING
+        met = self._met().astype(np.int64)
+        retina.count(distance_operations=met.size)
+        gaps = np.abs(met - np.frombuffer(thumbnail, np.uint8)).sum(axis=1)
+        return 1 + int(gaps.argmin())
+
+    def _thumbnail(self, retina: Retina) -> bytes:
+        colours = retina.glance(self.size, stage="recognition")
         grey = colours.reshape(self.size, self.size, -1).mean(axis=2)
         return (grey * (self.levels / 256)).astype(np.uint8).tobytes()
 
-    def _row(self, thumbnail: bytes) -> int:
-        if self._learning:
-            return self._row_of.setdefault(thumbnail, 1 + len(self._row_of))
-        return self._row_of.get(thumbnail, _UNSEEN)
+    def _met(self) -> np.ndarray:
+        """Thumbnails met in learning, `(rows - 1, size²)`, in the order of their rows."""
+        return np.frombuffer(b"".join(self._row_of), np.uint8).reshape(-1, self.size**2)
 
     def _settings(self) -> dict[str, Any]:
         return super()._settings() | {"size": self.size, "levels": self.levels}
 
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         meta, arrays = super()._state()
-        seen = np.frombuffer(b"".join(self._row_of), np.uint8).reshape(-1, self.size**2)
-        return meta, arrays | {"thumbnails": seen}
+        return meta, arrays | {"thumbnails": self._met()}
 
     def _restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         super()._restore(meta, arrays)

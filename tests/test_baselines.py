@@ -188,11 +188,20 @@ def test_tables_learn_the_corridor(obs: str, tmp_path: Path) -> None:
     assert np.array_equal(again.policy.action_values(seen), learner.policy.action_values(seen))
 
 
-def test_thumbnails_never_met_have_no_values() -> None:
-    learner = ThumbnailQ(vec(), seed=0).learn(500)
-    learner.set_bank(255 - BANK)
+def test_table_of_the_hidden_state_learns_the_corridor() -> None:
+    learner = TabularQ(vec(), seed=0).learn(500)
+    assert learner.values[: CELLS - 1].argmax(axis=1).tolist() == [1] * (CELLS - 1)
+
+
+def test_thumbnail_never_met_is_taken_for_the_nearest() -> None:
+    learner = ThumbnailQ(vec(), seed=0)
     assert not learner.policy.action_values(np.arange(CELLS)).any()
-    assert TabularQ(vec(), seed=0).learn(500).values[: CELLS - 1].argmax(axis=1).tolist() == [1] * 4
+    learner.learn(500)
+    met, rows = learner.policy.action_values(np.arange(CELLS)), len(learner.values)
+    order = np.array([3, 0, 2, 1])
+    learner.set_bank(np.clip(BANK[order].astype(int) + 20, 0, 255).astype(np.uint8))
+    assert np.array_equal(learner.policy.action_values(np.arange(4)), met[order])
+    assert len(learner.values) == rows  # looking is not learning
 
 
 def test_threshold_questions_part_percepts_that_differ() -> None:
