@@ -28,7 +28,7 @@ from typing import Any, Literal
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from runs import cli, record, train
+from runs import cli, record, run
 from runs.methods import FAMILIES
 from runs.progress import Progress
 from runs.study import Cell, Study, cells, load_study, narrowed
@@ -94,7 +94,7 @@ def train_all(
                     failed.append(outcome)
                 progress.done(outcome.cell, outcome.seconds, outcome.error)
         except (TerminatedWorkerError, BrokenPipeError):
-            waiting = [cell for cell in waiting if not whole(cell, cell.folder(out), train.TRAINED)]
+            waiting = [cell for cell in waiting if not whole(cell, cell.folder(out), run.TRAINED)]
             idle = idle + 1 if len(waiting) == before else 0
             progress.say(f"a worker died; {len(waiting)} runs go back to the queue")
             if idle >= PATIENCE:
@@ -129,7 +129,7 @@ def attempt(cell: Cell, folder: Path, parent: int | None = None) -> Outcome:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ERROR).unlink(missing_ok=True)
-        train.train(cell, folder)
+        run.train(cell, folder)
     except Exception as error:
         with contextlib.suppress(OSError):
             record.write_atomically(folder / ERROR, traceback.format_exc())
@@ -158,7 +158,7 @@ def measure_all(trained: Sequence[Cell], out: Path) -> None:
     """Measure trained cells, those of one task in turns."""
     for task in dict.fromkeys(cell.task for cell in trained):
         group = [cell for cell in trained if cell.task == task]
-        train.measure(group, [cell.folder(out) for cell in group])
+        run.measure(group, [cell.folder(out) for cell in group])
 
 
 @contextlib.contextmanager
@@ -197,13 +197,13 @@ def run_study(
     committed = {} if fresh else committed_scores(study.name, results)
     known = [c for c in everything if (*c.key, c.fingerprint) in committed]
     reused = {cell.key for cell in known}
-    todo = [c for c in everything if c.key not in reused and not whole(c, c.folder(out), train.RESULT)]
+    todo = [c for c in everything if c.key not in reused and not whole(c, c.folder(out), run.RESULT)]
     _write_header(study, out, [committed[*c.key, c.fingerprint] for c in known])
     failed: list[Outcome] = []
     with Progress(len(everything), todo, workers) as progress:
         for seed in dict.fromkeys(cell.seed for cell in todo):
             mine = [cell for cell in todo if cell.seed == seed]
-            trained = [cell for cell in mine if whole(cell, cell.folder(out), train.TRAINED)]
+            trained = [cell for cell in mine if whole(cell, cell.folder(out), run.TRAINED)]
             progress.skip(trained)
             pending = [cell for cell in mine if cell not in trained]
             pending.sort(key=lambda cell: FAMILIES[cell.method] != "network")  # the longest first
@@ -228,7 +228,7 @@ def _write_header(study: Study, out: Path, reused: Sequence[record.Record]) -> N
         "tasks": [{"env": t.env, "variant": t.variant, "note": t.note} for t in study.tasks],
         "seeds": study.seeds,
         "cpu_hours": study.cpu_hours,
-        "command": train.command_line(),
+        "command": run.command_line(),
         "git_commit": record.git_commit(),
     }
     record.write_atomically(out / STUDY, json.dumps(header, indent=1) + "\n")
@@ -239,7 +239,7 @@ def _publish(study: str, everything: Sequence[Cell], out: Path, results: Path) -
     """Add the lines of whole runs to the committed scores; a line of other settings is replaced."""
     lines = {line.key: line for line in committed_scores(study, results).values()}
     for cell in everything:
-        path = cell.folder(out) / train.RESULT
+        path = cell.folder(out) / run.RESULT
         if path.exists():
             lines[cell.key] = record.read(path)
     text = "".join(record.to_line(lines[key]) + "\n" for key in sorted(lines))

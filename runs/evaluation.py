@@ -105,7 +105,7 @@ def policy_table(model: Any, world: World, mode: str, own: bool) -> np.ndarray:
     tables = []
     for i in range(0, len(images), size):
         part = images[i : i + size]
-        with _exchanged_bank(model, part):
+        with exchanged_bank(model, part):
             tables.append(_greedy(model, np.arange(len(part)), n_actions))
     return np.concatenate(tables)
 
@@ -121,7 +121,7 @@ def _greedy(model: Any, observations: np.ndarray, n_actions: int) -> np.ndarray:
 
 
 @contextmanager
-def _exchanged_bank(model: Any, images: np.ndarray) -> Iterator[None]:
+def exchanged_bank(model: Any, images: np.ndarray) -> Iterator[None]:
     """Let an index model see other images behind its indices, at most as many as it has indices."""
     holders = [model] if hasattr(model, "set_bank") else _bank_modules(model)
     if not holders:

@@ -1,235 +1,22 @@
-"""One run: train a method in a world, then measure what its decisions cost.
+"""Train one method in one world with one seed, from the command line.
 
-A run has two steps, and a file on disk ends each: `train` leaves the model and
-`trained.json`; `measure` times the decisions of several runs of one task side by side and
-leaves `result.json`. A run cut short starts again from its beginning with the same
-outcome, since everything in it follows from its seeds.
+`python -m runs.train STree --env attn_tree/VisualGridworld-4x4-v0 --seed 0 --out out/one`
+leaves in the folder what a run of a study leaves: the model (which `runs.watch` opens), its
+TensorBoard events, pictures of its tree and gaze, and `result.json`.
 """
 
 from __future__ import annotations
 
-import json
-import shlex
-import shutil
 import sys
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import tyro
-from stable_baselines3.common.callbacks import CallbackList
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.logger import configure
 
-from runs import cli, drawing, evaluation, models, record
-from runs.costs import Subject, decision_times, percepts_of, pin_threads, pixel_cost
-from runs.methods import METHODS, Method
+from runs import cli, record
+from runs.methods import METHODS
+from runs.run import RESULT, is_ours, measure, train
 from runs.study import Cell
-from runs.tensorboard import StudyCallback, write_summary
-
-MODEL, TRAINED, RESULT, CONFIG = "model.zip", "trained.json", "result.json", "config.json"
-SAMPLED_EPISODES = 20  # where an environment is not a World
-
-
-def make_env(method: Method, env: str, settings: Mapping[str, Any], n_envs: int, seed: int) -> Any:
-    """The environment that a method trains in: ours with the observations it wants, or anybody's."""
-    from envs.sb3 import make_vec
-
-    if _is_ours(env):
-        return make_vec(env, n_envs=n_envs, seed=seed, obs=method.obs, **settings)
-    return make_vec(env, n_envs=n_envs, seed=seed, **settings)
-
-
-def train(cell: Cell, folder: Path) -> None:
-    """Train one run and leave its model, pictures and `trained.json` in `folder`."""
-    pin_threads()
-    shutil.rmtree(folder / "tensorboard", ignore_errors=True)
-    method = METHODS[cell.method]
-    config = {**asdict(cell), "fingerprint": cell.fingerprint, "command": command_line()}
-    record.write_atomically(folder / CONFIG, json.dumps(config, indent=1, default=str) + "\n")
-    with cli.mistakes():
-        env = make_env(method, cell.env, _env_settings(cell), method.n_envs, cell.seed)
-        clock = time.process_time(), time.perf_counter()
-        model = method.build(env, cell.seed, **_method_settings(cell, method))
-    prepared = time.process_time() - clock[0]
-    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-    callback = _callback(cell, method, env)
-    model.learn(cell.steps, callback=CallbackList([callback, *_extra_callbacks(cell)]))
-    cpu = time.process_time() - clock[0] - callback.cpu_s
-    wall = time.perf_counter() - clock[1] - callback.wall_s
-    models.save(
-        model,
-        folder / MODEL,
-        models.Origin(cell.method, cell.env, cell.seed, _env_settings(cell), _method_settings(cell, method)),
-    )
-    run = _scored(cell, method, model, env)
-    run.curve, run.steps_to_correct = callback.curve, callback.steps_to_correct
-    run.train_cpu_s, run.train_wall_s = cpu, wall
-    run.prepare_cpu_s = prepared + getattr(model, "prepare_cpu_s", 0.0)
-    run.model_bytes = (folder / MODEL).stat().st_size
-    _draw(model, method, env, folder)
-    env.close()
-    record.write(run, folder / TRAINED)
-
-
-def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
-    """Load the trained models of one task, measure their decisions in turns, and leave `result.json`."""
-    subjects: dict[str, Subject] = {}
-    shapes: dict[str, tuple[int, ...]] = {}
-    for cell, folder in zip(cells, folders, strict=True):
-        method = METHODS[cell.method]
-        env = make_env(method, cell.env, _env_settings(cell), 1, cell.seed)
-        model = models.load(folder / MODEL, env)
-        subjects[cell.method] = Subject(model, _percepts(env, method, model))
-        shapes[cell.method] = env.get_attr("bank")[0].shape[1:] if _is_ours(cell.env) else _image_shape(env)
-    times = decision_times(subjects, np.random.default_rng(cells[0].seed))
-    for cell, folder in zip(cells, folders, strict=True):
-        run = record.read(folder / TRAINED)
-        network = METHODS[cell.method].family == "network"
-        cost = pixel_cost(subjects[cell.method], shapes[cell.method], network)
-        run.pixels_selection, run.pixels_recognition = cost.selection, cost.recognition
-        run.pixels_processed = cost.selection + cost.recognition
-        run.pixels_touched, run.pixel_fraction = cost.touched, cost.fraction
-        run.image_pixels, run.operations, run.macs = cost.image_pixels, cost.operations, cost.macs
-        if run.tree_leaves is not None:
-            run.questions_per_decision = cost.operations.get("questions", 0.0)
-        run.decision_ms_p50, run.decision_ms_p95 = np.quantile(times[cell.method], [0.5, 0.95]).tolist()
-        write_summary(folder, run, {**cell.env_settings, **_method_settings(cell, METHODS[cell.method])})
-        record.write(run, folder / RESULT)
-
-
-def command_line() -> str:
-    """The command that is running, as one would type it."""
-    module = Path(sys.argv[0]).stem
-    return f"python -m runs.{module} {shlex.join(sys.argv[1:])}".strip()
-
-
-def _is_ours(env: str) -> bool:
-    return "attn_tree/" in env
-
-
-def _env_settings(cell: Cell) -> dict[str, Any]:
-    ours = {"bank_seed": cell.bank_seed} if _is_ours(cell.env) else {}
-    return {**ours, **cell.env_settings}
-
-
-def _method_settings(cell: Cell, method: Method) -> dict[str, Any]:
-    return {"gamma": cell.gamma, **method.settings, **cell.method_settings}
-
-
-def _worlds(env: Any) -> list[Any]:
-    """The training world and, where there is one, that with held-out views; none if not a World."""
-    try:
-        worlds = [env.get_attr("world")[0], env.get_attr("heldout_world")[0]]
-    except AttributeError:
-        return []
-    return [world for world in worlds if world is not None]
-
-
-def _scores(
-    model: Any, world: Any, method: Method, gamma: float, horizon: int, own: bool
-) -> evaluation.Scores:
-    if method.obs == "state":
-        table = evaluation.state_table(model, world.n_states, world.n_actions)
-    else:
-        table = evaluation.policy_table(model, world, method.obs, own)
-    return evaluation.score(world, table, gamma, horizon, by_state=method.obs == "state")
-
-
-def _callback(cell: Cell, method: Method, env: Any) -> StudyCallback:
-    worlds = _worlds(env)
-
-    def evaluate(model: Any) -> dict[str, float]:
-        if not worlds:
-            return {}
-        scores = _scores(model, worlds[0], method, cell.gamma, env.get_attr("max_episode_steps")[0], True)
-        return {
-            "return_mean": scores.return_mean,
-            "steps_mean": scores.steps_mean,
-            "correct_policy_rate": scores.correct_policy_rate,
-        }
-
-    percept = percepts_of(worlds[0], method.obs)[0] if worlds else None
-    return StudyCallback(evaluate, cell.steps // cell.evaluations, percept)
-
-
-def _extra_callbacks(cell: Cell) -> list[Any]:
-    if METHODS[cell.method].family != "network":
-        return []
-    from baselines.glimpse.logger import GlimpseLogger
-
-    return [GlimpseLogger(every=max(256, cell.steps // cell.evaluations))]
-
-
-def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
-    """The record of a trained model, all but the cost of its decisions."""
-    run = record.Record(
-        study=cell.study,
-        method=cell.method,
-        env=cell.env,
-        variant=cell.variant,
-        seed=cell.seed,
-        bank_seed=cell.bank_seed,
-        config=cell.fingerprint,
-        env_steps=int(model.num_timesteps),
-        phases=getattr(model, "phase", None),
-        versions=record.versions(),
-        git_commit=record.git_commit(),
-    )
-    worlds = _worlds(env)
-    if not worlds:
-        run.return_mean = float(np.mean(evaluate_policy(model, env, SAMPLED_EPISODES)[0]))
-        tree = getattr(model, "tree", None)
-        if tree is not None:
-            run.tree_depth, run.tree_leaves, run.tree_nodes = tree.depth, len(tree.leaves), len(tree.nodes)
-        return run
-    horizon = env.get_attr("max_episode_steps")[0]
-    seen = _scores(model, worlds[0], method, cell.gamma, horizon, True)
-    run.return_mean, run.return_discounted = seen.return_mean, seen.return_discounted
-    run.return_optimal = worlds[0].optimal_return(horizon, cell.gamma)
-    run.steps_mean, run.average_reward = seen.steps_mean, seen.average_reward
-    run.correct_policy_rate = seen.correct_policy_rate
-    if len(worlds) > 1 and method.obs != "state":
-        heldout = _scores(model, worlds[1], method, cell.gamma, horizon, False)
-        run.return_mean_heldout = heldout.return_mean
-        run.correct_policy_rate_heldout = heldout.correct_policy_rate
-    figures = evaluation.tree_figures(model, worlds)
-    if figures is not None:
-        run.tree_depth, run.tree_leaves, run.tree_nodes = figures.depth, figures.leaves, figures.nodes
-        run.sri, run.leaf_entropy = figures.sri, figures.leaf_entropy
-    return run
-
-
-def _percepts(env: Any, method: Method, model: Any) -> list[Any]:
-    """One observation for each state–view pair; where there is no World, those of a walk."""
-    worlds = _worlds(env)
-    if worlds:
-        return percepts_of(worlds[0], method.obs)
-    shown, observation = [], env.reset()
-    for _ in range(50):
-        shown.append(np.array(observation[0]))
-        actions, _ = model.predict(observation, deterministic=False)
-        observation = env.step(actions)[0]
-    return shown
-
-
-def _image_shape(env: Any) -> tuple[int, ...]:
-    return tuple(env.observation_space.shape)
-
-
-def _draw(model: Any, method: Method, env: Any, folder: Path) -> None:
-    """The tree, and where the first decisions looked, as pictures in the run's folder."""
-    if hasattr(model, "tree") and hasattr(model, "draw"):
-        model.draw(folder / "tree.png")
-    worlds = _worlds(env)
-    if worlds and method.obs != "state" and method.name != "Random":
-        met = list(dict.fromkeys(percepts_of(worlds[0], "index")))[:5]
-        images = [worlds[0].images[image] for image in met]
-        shown = met if method.obs == "index" else images
-        drawing.write_png(folder / "gaze.png", drawing.gaze_strip(model, images, shown))
 
 
 def main(
@@ -264,7 +51,7 @@ def main(
     cell = Cell(
         study="train",
         method=name,
-        env=cli.known("environment", env.removeprefix("envs:"), REGISTERED) if _is_ours(env) else env,
+        env=cli.known("environment", env.removeprefix("envs:"), REGISTERED) if is_ours(env) else env,
         variant="default",
         seed=seed,
         bank_seed=1000 + seed if bank_seed is None else bank_seed,

@@ -1,0 +1,180 @@
+"""The figures of a report, as self-contained SVG: learning curves, seen against held out, Pareto plots.
+
+Colours are Okabe and Ito's, apart for every kind of colour vision, and never the only
+difference: methods differ in marker and line as well.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
+
+from runs.methods import METHODS
+from runs.record import Record
+from runs.statistics import bootstrap_interval, iqm, performance_profile
+from runs.tables import TaskTable, values
+
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_MARKERS = "oXs^DvP<>*hpd"
+_LINES = ("-", "--", "-.", ":")
+_STYLE: Any = {
+    "svg.hashsalt": "attn_tree",
+    "font.size": 11,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+
+
+def learning_curves(table: TaskTable) -> str:
+    """IQM of the correct-policy rate over seeds against environment steps, with 95% intervals; SVG."""
+    figure, axes = _figure(7.5, 4.2)
+    for name, runs in _by_method(table.records).items():
+        curves = [run.curve for run in runs if run.curve and "correct_policy_rate" in run.curve[0]]
+        if not curves:
+            continue
+        steps = np.unique([entry["steps"] for curve in curves for entry in curve])
+        rates = np.array([_held(curve, steps) for curve in curves])
+        style = _style(name)
+        middle = [iqm(rates[:, i]) for i in range(len(steps))]
+        axes.plot(steps, middle, label=name, markevery=max(1, len(steps) // 6), markersize=6, **style)
+        if len(curves) > 1:
+            rng = np.random.default_rng(0)
+            ends = [bootstrap_interval(rates[:, i], rng, resamples=200) for i in range(len(steps))]
+            low, high = [e.low for e in ends], [e.high for e in ends]
+            axes.fill_between(steps, low, high, color=style["color"], alpha=0.12, linewidth=0)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_ylim(-0.02, 1.04)
+    axes.set_xlabel("environment steps")
+    axes.set_ylabel("correct-policy rate, seen views")
+    return _svg(figure, axes)
+
+
+def seen_against_heldout(table: TaskTable) -> str:
+    """Correct-policy rate on views trained on and on views never seen, by method; SVG."""
+    rows = [row for row in table.rows if row.correct is not None][::-1]
+    figure, axes = _figure(7.5, 0.9 + 0.34 * len(rows))
+    for y, row in enumerate(rows):
+        assert row.correct is not None
+        seen, heldout = row.correct, row.correct_heldout
+        if heldout is not None:
+            axes.plot([heldout.value, seen.value], [y, y], color="#999999", linewidth=2, zorder=1)
+            axes.plot([heldout.low, heldout.high], [y - 0.22] * 2, color=_COLOURS[1], linewidth=1.5)
+            axes.plot(heldout.value, y, "D", color=_COLOURS[1], label="held-out views", markersize=7)
+        axes.plot([seen.low, seen.high], [y + 0.22] * 2, color=_COLOURS[0], linewidth=1.5)
+        axes.plot(seen.value, y, "o", color=_COLOURS[0], label="seen views", markersize=8, fillstyle="none")
+    axes.set_yticks(range(len(rows)), [row.method for row in rows])
+    axes.set_xlim(-0.02, 1.04)
+    axes.set_xlabel("correct-policy rate (IQM, 95% interval)")
+    return _svg(figure, axes)
+
+
+def pareto(table: TaskTable, cost: str, label: str) -> str:
+    """Return against a cost of a decision, up and to the left is better; SVG.
+
+    Filled: held-out views, with the Pareto front through them; hollow: seen views.
+
+    Args:
+        table: the task.
+        cost: a figure of the record, drawn on a logarithmic axis; methods without it or
+            with 0 are left out.
+        label: of that axis.
+    """
+    figure, axes = _figure(7.5, 4.2)
+    points = []
+    for name, runs in _by_method(table.records).items():
+        paid, seen = values(runs, cost), values(runs, "return_mean")
+        heldout = values(runs, "return_mean_heldout")
+        if not (paid.size and seen.size) or paid.mean() <= 0:
+            continue
+        x, style = float(paid.mean()), _style(name) | {"linestyle": "none", "markersize": 9}
+        if heldout.size:
+            axes.plot([x, x], [iqm(heldout), iqm(seen)], color="#bbbbbb", linewidth=1, zorder=1)
+            axes.plot(x, iqm(seen), fillstyle="none", **style)
+        earned = iqm(heldout if heldout.size else seen)
+        axes.plot(x, earned, label=name, **style)
+        points.append((x, earned))
+    front: list[tuple[float, float]] = []
+    for x, earned in sorted(points, key=lambda point: (point[0], -point[1])):
+        if not front or earned > front[-1][1]:
+            front.append((x, earned))
+    if len(front) > 1:
+        axes.step(*zip(*front, strict=True), where="post", color="#777777", linewidth=1, zorder=0)
+    axes.set_xscale("log")
+    axes.set_xlabel(label)
+    axes.set_ylabel("return (IQM); filled: held out, hollow: seen")
+    if points and min(earned for _, earned in points) < -5:
+        axes.set_yscale("symlog", linthresh=1)
+    return _svg(figure, axes)
+
+
+def profiles(tables: Sequence[TaskTable]) -> str:
+    """Performance profiles: share of runs with at least a correct-policy rate, over all tasks; SVG."""
+    thresholds = np.linspace(0, 1, 101)
+    figure, axes = _figure(7.5, 4.2)
+    names = dict.fromkeys(row.method for table in tables for row in table.rows)
+    for name in names:
+        strata = []
+        for table in tables:
+            runs = [run for run in table.records if run.method == name]
+            rates = values(runs, "correct_policy_rate_heldout")
+            strata.append(rates if rates.size else values(runs, "correct_policy_rate"))
+        if all(array.size for array in strata):
+            shares = performance_profile(strata, thresholds)
+            style = _style(name)
+            axes.step(thresholds, shares, where="pre", label=name, markevery=20, markersize=6, **style)
+    axes.set_xlabel("correct-policy rate τ, held-out views")
+    axes.set_ylabel("share of runs with at least τ")
+    axes.set_ylim(-0.02, 1.04)
+    return _svg(figure, axes)
+
+
+def _figure(width: float, height: float) -> tuple[Figure, Any]:
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        axes = figure.subplots()
+        axes.grid(alpha=0.25)
+    return figure, axes
+
+
+def _svg(figure: Figure, axes: Any) -> str:
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    if unique:
+        figure.legend(unique.values(), unique.keys(), loc="outside right upper", frameon=False, fontsize=9.5)
+    text = io.StringIO()
+    with matplotlib.rc_context(_STYLE):
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+
+
+def _style(name: str) -> dict[str, Any]:
+    order = list(METHODS)
+    i = order.index(name) if name in order else sum(map(ord, name))
+    return {
+        "color": _COLOURS[i % len(_COLOURS)],
+        "marker": _MARKERS[i % len(_MARKERS)],
+        "linestyle": _LINES[(i // len(_COLOURS)) % len(_LINES)],
+    }
+
+
+def _by_method(records: Sequence[Record]) -> dict[str, list[Record]]:
+    order = {name: i for i, name in enumerate(METHODS)}
+    names = sorted({run.method for run in records}, key=lambda name: (order.get(name, len(order)), name))
+    return {name: [run for run in records if run.method == name] for name in names}
+
+
+def _held(curve: Sequence[dict[str, float]], steps: np.ndarray) -> np.ndarray:
+    """A curve at other steps: the last value known, the first before that; a run that stopped early holds."""
+    at = np.searchsorted([entry["steps"] for entry in curve], steps, "right") - 1
+    rates = np.array([entry["correct_policy_rate"] for entry in curve])
+    return rates[np.clip(at, 0, None)]
