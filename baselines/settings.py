@@ -4,8 +4,9 @@ Tuned on seeds 100–104 (learner and photographs) of the 4×4 gridworld; scores
 taken on other seeds. What mattered, apart from the learning rate:
 
 - *Advantages are not normalised.* Near the optimum they are noise, and scaling noise
-  to unit variance pulls a policy that was already right away from it again: late in
-  training one cell in thirteen was lost in a third of the runs, with normalisation.
+  to unit variance pulls a policy away from it again. With normalisation 17 of 27
+  tuning runs of the glimpse network that had reached the optimum lost a cell for a
+  while, two of them at the end; without, 3 of 23 runs of both networks, none at the end.
 - *The learning rate falls to zero* over the run, for the same reason.
 - *Large minibatches.* With a bank of images an update costs the same for any batch,
   since each distinct image is encoded once.
