@@ -21,7 +21,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,7 +31,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from runs import cli, record, run
 from runs.methods import FAMILIES
 from runs.progress import Progress
-from runs.study import Cell, Study, cells, load_study, narrowed
+from runs.study import Cell, Header, Study, cells, load_study, narrowed
 
 RESULTS = Path(__file__).resolve().parent / "results"
 COMMITTED, STUDY, ERROR = "committed.jsonl", "study.json", "error.txt"
@@ -213,29 +213,18 @@ def run_study(
             progress.say(f"seed {seed}: measuring decisions, the methods in turns")
             measure_all([cell for cell in mine if cell.key not in broken], out)
             if publish:
-                _publish(study.name, everything, out, results)
+                commit_scores(study.name, everything, out, results)
     return failed
 
 
 def _write_header(study: Study, out: Path, reused: Sequence[record.Record]) -> None:
     """What the report needs to know of the study, beside its runs."""
-    header = {
-        "name": study.name,
-        "title": study.title,
-        "purpose": study.purpose,
-        "reference": study.reference,
-        "methods": list(study.methods),
-        "tasks": [{"env": t.env, "variant": t.variant, "note": t.note} for t in study.tasks],
-        "seeds": study.seeds,
-        "cpu_hours": study.cpu_hours,
-        "command": run.command_line(),
-        "git_commit": record.git_commit(),
-    }
+    header = asdict(Header.of(study, run.command_line()))
     record.write_atomically(out / STUDY, json.dumps(header, indent=1) + "\n")
     record.write_atomically(out / COMMITTED, "".join(record.to_line(line) + "\n" for line in reused))
 
 
-def _publish(study: str, everything: Sequence[Cell], out: Path, results: Path) -> None:
+def commit_scores(study: str, everything: Sequence[Cell], out: Path, results: Path) -> None:
     """Add the lines of whole runs to the committed scores; a line of other settings is replaced."""
     lines = {line.key: line for line in committed_scores(study, results).values()}
     for cell in everything:

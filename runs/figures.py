@@ -43,7 +43,7 @@ def learning_curves(table: TaskTable) -> str:
         rates = np.array([_held(curve, steps) for curve in curves])
         style = _style(name)
         middle = [iqm(rates[:, i]) for i in range(len(steps))]
-        axes.plot(steps, middle, label=name, markevery=max(1, len(steps) // 6), markersize=6, **style)
+        axes.plot(steps, middle, label=_plain(name), markevery=max(1, len(steps) // 6), markersize=6, **style)
         if len(curves) > 1:
             rng = np.random.default_rng(0)
             ends = [bootstrap_interval(rates[:, i], rng, resamples=200) for i in range(len(steps))]
@@ -72,7 +72,7 @@ def seen_against_heldout(table: TaskTable) -> str:
             axes.plot(heldout.value, y, "D", color=_COLOURS[1], label="held-out views", markersize=7)
         axes.plot([seen.low, seen.high], [y + 0.22] * 2, color=_COLOURS[0], linewidth=1.5)
         axes.plot(seen.value, y, "o", color=_COLOURS[0], label="seen views", markersize=8, fillstyle="none")
-    axes.set_yticks(range(len(rows)), [row.method for row in rows])
+    axes.set_yticks(range(len(rows)), [_plain(row.method) for row in rows])
     axes.set_xlim(-0.02, 1.04)
     axes.set_xlabel("correct-policy rate (IQM, 95% interval)")
     return _svg(figure, axes)
@@ -101,7 +101,7 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
             axes.plot([x, x], [iqm(heldout), iqm(seen)], color="#bbbbbb", linewidth=1, zorder=1)
             axes.plot(x, iqm(seen), fillstyle="none", **style)
         earned = iqm(heldout if heldout.size else seen)
-        axes.plot(x, earned, label=name, **style)
+        axes.plot(x, earned, label=_plain(name), **style)
         points.append((x, earned))
     front: list[tuple[float, float]] = []
     for x, earned in sorted(points, key=lambda point: (point[0], -point[1])):
@@ -131,7 +131,9 @@ def profiles(tables: Sequence[TaskTable]) -> str:
         if all(array.size for array in strata):
             shares = performance_profile(strata, thresholds)
             style = _style(name)
-            axes.step(thresholds, shares, where="pre", label=name, markevery=20, markersize=6, **style)
+            axes.step(
+                thresholds, shares, where="pre", label=_plain(name), markevery=20, markersize=6, **style
+            )
     axes.set_xlabel("correct-policy rate τ, held-out views")
     axes.set_ylabel("share of runs with at least τ")
     axes.set_ylim(-0.02, 1.04)
@@ -155,6 +157,11 @@ def _svg(figure: Figure, axes: Any) -> str:
     with matplotlib.rc_context(_STYLE):
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+
+
+def _plain(name: str) -> str:
+    """A name as text that Matplotlib takes for no formula and does not leave out of a legend."""
+    return " " * name.startswith("_") + name.replace("$", r"\$")
 
 
 def _style(name: str) -> dict[str, Any]:

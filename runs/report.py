@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import json
 import sys
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ from runs import cli, figures, record
 from runs.methods import METHODS
 from runs.record import Record, RecordError
 from runs.statistics import Estimate
+from runs.study import Header, load_study, study_names
 from runs.tables import Row, TaskTable, task_tables, values
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
@@ -47,7 +49,7 @@ class Picture:
 class Contents:
     """All that a report shows."""
 
-    header: dict[str, Any]
+    header: Header
     tables: list[TaskTable]
     records: list[Record]
     missing: list[str]
@@ -66,40 +68,36 @@ class Contents:
         return float(values(self.records, "train_cpu_s").sum() / 3600)
 
 
-def collect(source: Path) -> tuple[dict[str, Any], list[Record], dict[tuple[Any, ...], Path]]:
+def collect(source: Path) -> tuple[Header, list[Record], dict[tuple[Any, ...], Path]]:
     """The header of a study, its records, and the folder of each record that has one.
 
     Raises:
         RecordError: nothing is there, or a file is damaged.
     """
+    folders: dict[tuple[Any, ...], Path] = {}
     if source.is_file():
         records = record.read_lines(source)
-        header: dict[str, Any] = {}
-        folders: dict[tuple[Any, ...], Path] = {}
     else:
-        paths = sorted(source.glob("*/*/*/*/result.json"))
-        found = [(record.read(path), path.parent) for path in paths]
-        folders = {run.key: folder for run, folder in found}
-        records = [run for run, _ in found]
+        records = []
+        for path in sorted(source.glob("*/*/*/*/result.json")):
+            records.append(record.read(path))
+            folders[records[-1].key] = path.parent
         committed = source / "committed.jsonl"
         if committed.exists():
             records += [run for run in record.read_lines(committed) if run.key not in folders]
-        header = _header(source / "study.json")
     if not records:
         raise RecordError(
             f"{source}: no result.json of a whole run in it; run `python -m runs.compare` first"
         )
     records.sort(key=lambda run: run.seed)
-    return {"name": records[0].study, **header}, records, folders
+    return _header(source, records[0].study), records, folders
 
 
 def contents(source: Path, pictures: bool = True) -> Contents:
     """Everything that the report of `source` shows; without plots and drawings if asked."""
     header, records, folders = collect(source)
-    order = [name for name in header.get("methods", []) if isinstance(name, str)] or list(METHODS)
-    tasks = [task for task in header.get("tasks", []) if isinstance(task, dict)]
-    notes = {(str(t.get("env")), str(t.get("variant"))): str(t.get("note", "")) for t in tasks}
-    tables = task_tables(records, order, notes, str(header.get("reference", "STree")))
+    notes = {(env, variant): note for env, variant, note in header.tasks}
+    tables = task_tables(records, header.methods or list(METHODS), notes, header.reference)
     found = Contents(header, tables, records, _missing(header, records))
     if pictures:
         for table in tables:
@@ -194,35 +192,33 @@ def _terminal_row(row: Row) -> list[str]:
     ]
 
 
-def _header(path: Path) -> dict[str, Any]:
-    if not path.exists():
-        return {}
-    try:
-        header = json.loads(record.read_bounded(path))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, RecordError):
+def _header(source: Path, name: str) -> Header:
+    """The header beside the runs; of committed scores, that of the study as it is now."""
+    path = source / "study.json"
+    if source.is_dir() and path.exists():
+        try:
+            return Header.from_json(json.loads(record.read_bounded(path)))
+        except RecordError:
             raise
-        raise RecordError(f"{path}: not valid JSON; run the study again to write it anew") from None
-    if not isinstance(header, dict):
-        raise RecordError(f"{path}: expected a JSON object; run the study again to write it anew")
-    return header
+        except (ValueError, RecursionError) as error:
+            reason = cli.one_line(error)[:100]
+            raise RecordError(f"{path}: no header of a study ({reason}); run the study again") from None
+    if name in study_names():
+        return Header.of(load_study(name))
+    return Header(name)
 
 
-def _missing(header: dict[str, Any], records: Sequence[Record]) -> list[str]:
+def _missing(header: Header, records: Sequence[Record]) -> list[str]:
     """Runs of the study that have no score yet, in words."""
-    try:
-        tasks = [(task["env"], task["variant"]) for task in header["tasks"]]
-        wanted = [(m, *task) for m in header["methods"] for task in tasks]
-        seeds = int(header["seeds"])
-    except (KeyError, TypeError, ValueError):
-        return []
-    lines = []
-    for method, env, variant in wanted:
-        have = {r.seed for r in records if (r.method, r.env, r.variant) == (method, env, variant)}
-        lacking = seeds - len(have)
-        if lacking > 0:
-            lines.append(f"{method} on {env}, {variant}: {lacking} of {seeds} runs")
-    return lines
+    seeds = defaultdict(set)
+    for run in records:
+        seeds[run.method, run.env, run.variant].add(run.seed)
+    return [
+        f"{method} on {env}, {variant}: {lacking} of {header.seeds} runs"
+        for env, variant, _ in header.tasks
+        for method in header.methods
+        if (lacking := header.seeds - len(seeds[method, env, variant])) > 0
+    ]
 
 
 def _plots(table: TaskTable) -> list[Picture]:

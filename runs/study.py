@@ -12,7 +12,7 @@ import importlib
 import json
 import pkgutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,57 @@ class Cell:
 
     def __str__(self) -> str:
         return f"{self.method} · {self.env.rpartition('/')[2]} · {self.variant} · seed {self.seed}"
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a report needs to know of a study beside its scores; lies beside the runs as JSON."""
+
+    name: str
+    title: str = ""
+    purpose: str = ""
+    reference: str = "STree"
+    command: str = ""
+    methods: tuple[str, ...] = ()
+    tasks: tuple[tuple[str, str, str], ...] = ()  # env, variant, note
+    seeds: int = 0
+
+    @classmethod
+    def of(cls, study: Study, command: str = "") -> Header:
+        """The header of a study."""
+        tasks = tuple((task.env, task.variant, task.note) for task in study.tasks)
+        return cls(
+            name=study.name,
+            title=study.title,
+            purpose=study.purpose,
+            reference=study.reference,
+            command=command,
+            methods=tuple(study.methods),
+            tasks=tasks,
+            seeds=study.seeds,
+        )
+
+    @classmethod
+    def from_json(cls, data: Any) -> Header:
+        """The header that was written as JSON.
+
+        Raises:
+            ValueError: a field is missing or of the wrong type.
+        """
+        if not isinstance(data, dict):
+            raise ValueError("expected a JSON object")
+        given = {f.name: data[f.name] for f in fields(cls) if f.name in data}
+        try:
+            given["methods"] = tuple(given.get("methods", ()))
+            given["tasks"] = tuple((env, variant, note) for env, variant, note in given.get("tasks", ()))
+            header = cls(**given)
+        except (TypeError, ValueError):
+            raise ValueError("a field is missing or malformed") from None
+        texts = [header.name, header.title, header.purpose, header.reference, header.command]
+        texts += [*header.methods, *(text for task in header.tasks for text in task)]
+        if not all(isinstance(text, str) for text in texts) or type(header.seeds) is not int:
+            raise ValueError("a field is of the wrong type")
+        return header
 
 
 def study_names() -> list[str]:

@@ -1,0 +1,124 @@
+"""The report: right figures, everything escaped, nothing fetched, nothing hidden."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from runs import record, report
+from runs.record import Record
+from runs.tables import task_tables
+
+EVIL = "<script>alert(1)</script>|`x`](http://evil.example)$\\frac{$"
+
+
+def run(method: str, seed: int, **changes: Any) -> Record:
+    rng = np.random.default_rng(seed)
+    figures = {
+        "return_mean": 1.0,
+        "return_mean_heldout": float(rng.normal()),
+        "return_optimal": 1.0,
+        "correct_policy_rate": 1.0,
+        "correct_policy_rate_heldout": float(rng.random()),
+        "pixel_fraction": 0.2,
+        "pixels_processed": 100.0,
+        "decision_ms_p50": 3.0,
+        "curve": [{"steps": 100.0 * k, "correct_policy_rate": k / 10} for k in range(1, 11)],
+        "git_commit": "abc123",
+    }
+    identity = {"study": "toy", "method": method, "env": "attn_tree/Toy-v0", "variant": "plain", "seed": seed}
+    settings = {"bank_seed": seed, "config": "c", "env_steps": 1000}
+    return Record(**{**identity, **settings, **figures, **changes})
+
+
+def folder_of(tmp_path: Path, runs: list[Record], **header: Any) -> Path:
+    for each in runs:
+        record.write(
+            each, tmp_path / f"m{abs(hash(each.method))}" / "e" / "v" / str(each.seed) / "result.json"
+        )
+    (tmp_path / "study.json").write_text(json.dumps({"name": "toy", **header}))
+    return tmp_path
+
+
+def test_table_counts_failures_and_compares(tmp_path: Path) -> None:
+    runs = [run("STree", s, correct_policy_rate=[1, 0.9, 1][s]) for s in range(3)]
+    runs += [run("RLVC", s, pixels_processed=900.0, decision_ms_p50=9.0) for s in range(3)]
+    (table,) = task_tables(runs, ["RLVC", "STree"], {}, "STree")
+    assert [row.method for row in table.rows] == ["RLVC", "STree"]
+    assert [row.failed for row in table.rows] == [0, 1]
+    assert table.rows[0].better is not None and table.rows[1].better is None
+    assert table.rows[0].better.value == 0.5  # the same held-out returns
+    (verdict,) = table.verdicts
+    assert verdict.equal_return and verdict.words == "fewer pixels, less time"
+
+
+class Page(HTMLParser):
+    """Collects what could leave the page or lacks words."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        given = dict(attrs)
+        self.links += [value or "" for name, value in given.items() if name in ("src", "href", "srcset")]
+        if tag == "img":
+            self.images.append(given)
+
+
+def test_page_escapes_and_asks_for_nothing(tmp_path: Path) -> None:
+    runs = [run(method, seed) for method in ("STree", EVIL) for seed in range(3)]
+    runs += [run("STree", s, variant=EVIL) for s in range(2)]
+    folder = folder_of(tmp_path, runs, title=EVIL, purpose=EVIL, command=EVIL, reference=EVIL)
+    record.write_atomically(folder / "m" / "e" / "v" / "0" / "tree.png", b"no png")
+    html_path, markdown_path = report.write_report(folder)
+    page = Page()
+    page.feed(html_path.read_text())
+    assert "script" not in page.tags and "a" not in page.tags
+    assert page.links and all(link.startswith("data:image/") for link in page.links)
+    assert all(image["alt"] for image in page.images) and len(page.images) >= 8
+    assert "&lt;script&gt;" in html_path.read_text()
+    markdown = markdown_path.read_text()
+    assert markdown.count("<script") == 1  # the command, in a code span
+    assert not re.search(r"(?<!\\)(\]\(http|`x)", markdown.replace("`" + EVIL.replace("`", "") + "`", ""))
+    rows = [re.sub(r"\\.", "", line) for line in markdown.splitlines() if line.startswith("| ")]
+    assert {row.count("|") for row in rows} <= {10, 15}
+
+
+def test_same_scores_same_report(tmp_path: Path) -> None:
+    runs = [run("STree", seed) for seed in range(3)]
+    (tmp_path / "toy.jsonl").write_text("".join(record.to_line(each) + "\n" for each in runs))
+    first = [path.read_bytes() for path in report.write_report(tmp_path / "toy.jsonl")]
+    assert first == [path.read_bytes() for path in report.write_report(tmp_path / "toy.jsonl")]
+
+
+def test_missing_runs_are_named(tmp_path: Path) -> None:
+    task = ("attn_tree/Toy-v0", "plain", "")
+    folder = folder_of(tmp_path, [run("STree", 0)], methods=["STree", "RLVC"], tasks=[task], seeds=2)
+    found = report.contents(folder, pictures=False)
+    assert len(found.missing) == 2 and "RLVC" in found.missing[1] and "2 of 2" in found.missing[1]
+    assert "missing: " in report.terminal_table(folder)
+
+
+def test_committed_lines_stand_in_for_runs_not_on_disk(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, [run("STree", 0)])
+    lines = [run("STree", 0, return_mean=-9.0), run("STree", 1)]
+    (folder / "committed.jsonl").write_text("".join(record.to_line(line) + "\n" for line in lines))
+    _, records, _ = report.collect(folder)
+    assert [(r.seed, r.return_mean) for r in records] == [(0, 1.0), (1, 1.0)]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "[" * 9999, '{"name": "x", "methods": 3}', '{"name": 1}', "{}"])
+def test_damaged_header_gives_one_line(tmp_path: Path, text: str) -> None:
+    folder = folder_of(tmp_path, [run("STree", 0)])
+    (folder / "study.json").write_text(text)
+    with pytest.raises(record.RecordError) as caught:
+        report.contents(folder, pictures=False)
+    assert "study.json" in str(caught.value) and "\n" not in str(caught.value)
