@@ -206,7 +206,8 @@ def run_study(
             trained = [cell for cell in mine if whole(cell, cell.folder(out), run.TRAINED)]
             progress.skip(trained)
             pending = [cell for cell in mine if cell not in trained]
-            pending.sort(key=lambda cell: FAMILIES[cell.method] != "network")  # the longest first
+            # The longest first: a long run that starts last keeps the others waiting.
+            pending.sort(key=lambda c: (-progress.expected(c), FAMILIES[c.method] != "network"))
             failures = train_all(pending, out, workers, backend, progress)
             failed += failures
             broken = {outcome.cell.key for outcome in failures}

@@ -72,7 +72,7 @@ class Progress:
 
     def left(self) -> str:
         """Time left in words."""
-        seconds = sum(self._expected(cell) for cell in self._waiting.values()) / self.workers
+        seconds = sum(self.expected(cell) for cell in self._waiting.values()) / self.workers
         if not self._took:
             return "unknown time"
         return (
@@ -87,7 +87,8 @@ class Progress:
         """A line above the bar."""
         self._console.print(escape(text), highlight=False, soft_wrap=True)
 
-    def _expected(self, cell: Cell) -> float:
+    def expected(self, cell: Cell) -> float:
+        """Seconds that a run is expected to take, 0 while nothing is known."""
         for key in ((cell.method, cell.env, cell.variant), (cell.method,), ()):
             if key in self._took:
                 return float(np.mean(self._took[key]))

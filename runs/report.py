@@ -96,7 +96,7 @@ def collect(source: Path) -> tuple[Header, list[Record], dict[tuple[Any, ...], P
 def contents(source: Path, pictures: bool = True) -> Contents:
     """Everything that the report of `source` shows; without plots and drawings if asked."""
     header, records, folders = collect(source)
-    notes = {(env, variant): note for env, variant, note in header.tasks}
+    notes = {(env, variant): note for env, variant, note, _ in header.tasks}
     tables = task_tables(records, header.methods or list(METHODS), notes, header.reference)
     found = Contents(header, tables, records, _missing(header, records))
     if pictures:
@@ -215,8 +215,8 @@ def _missing(header: Header, records: Sequence[Record]) -> list[str]:
         seeds[run.method, run.env, run.variant].add(run.seed)
     return [
         f"{method} on {env}, {variant}: {lacking} of {header.seeds} runs"
-        for env, variant, _ in header.tasks
-        for method in header.methods
+        for env, variant, _, methods in header.tasks
+        for method in methods
         if (lacking := header.seeds - len(seeds[method, env, variant])) > 0
     ]
 

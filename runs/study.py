@@ -28,6 +28,7 @@ class Task:
         env: registered id, `attn_tree/…-v0`.
         variant: short name of what is special, used in folder and table names.
         settings: keyword arguments of the environment.
+        methods: the methods of the study that run in it; all if empty.
         steps: training steps by method, family or `"*"`, looked up in that order.
         note: one sentence for the report.
     """
@@ -37,6 +38,7 @@ class Task:
     steps: Mapping[str, int]
     settings: Mapping[str, Any] = field(default_factory=dict)
     note: str = ""
+    methods: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -117,13 +119,13 @@ class Header:
     reference: str = "STree"
     command: str = ""
     methods: tuple[str, ...] = ()
-    tasks: tuple[tuple[str, str, str], ...] = ()  # env, variant, note
+    tasks: tuple[tuple[str, str, str, tuple[str, ...]], ...] = ()  # env, variant, note, methods
     seeds: int = 0
 
     @classmethod
     def of(cls, study: Study, command: str = "") -> Header:
         """The header of a study."""
-        tasks = tuple((task.env, task.variant, task.note) for task in study.tasks)
+        tasks = tuple((t.env, t.variant, t.note, tuple(_methods(study, t))) for t in study.tasks)
         return cls(
             name=study.name,
             title=study.title,
@@ -147,12 +149,15 @@ class Header:
         given = {f.name: data[f.name] for f in fields(cls) if f.name in data}
         try:
             given["methods"] = tuple(given.get("methods", ()))
-            given["tasks"] = tuple((env, variant, note) for env, variant, note in given.get("tasks", ()))
+            tasks = [
+                (env, variant, note, tuple(names)) for env, variant, note, names in given.get("tasks", ())
+            ]
+            given["tasks"] = tuple(tasks)
             header = cls(**given)
         except (TypeError, ValueError):
             raise ValueError("a field is missing or malformed") from None
         texts = [header.name, header.title, header.purpose, header.reference, header.command]
-        texts += [*header.methods, *(text for task in header.tasks for text in task)]
+        texts += [*header.methods, *(text for task in header.tasks for text in (*task[:3], *task[3]))]
         if not all(isinstance(text, str) for text in texts) or type(header.seeds) is not int:
             raise ValueError("a field is of the wrong type")
         return header
@@ -195,7 +200,7 @@ def cells(study: Study, families: Mapping[str, str]) -> list[Cell]:
         )
         for seed in range(study.seeds)
         for task in study.tasks
-        for method in study.methods
+        for method in _methods(study, task)
     ]
 
 
@@ -212,6 +217,10 @@ def narrowed(study: Study, seeds: int | None, only: Sequence[str], steps: int | 
     if steps is not None:
         tasks = [replace(task, steps={"*": steps}) for task in tasks]
     return replace(study, methods=methods, tasks=tasks, seeds=study.seeds if seeds is None else seeds)
+
+
+def _methods(study: Study, task: Task) -> list[str]:
+    return [name for name in study.methods if not task.methods or name in task.methods]
 
 
 def _steps(task: Task, method: str, family: str) -> int:

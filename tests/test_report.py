@@ -100,8 +100,8 @@ def test_same_scores_same_report(tmp_path: Path) -> None:
 
 
 def test_missing_runs_are_named(tmp_path: Path) -> None:
-    task = ("attn_tree/Toy-v0", "plain", "")
-    folder = folder_of(tmp_path, [run("STree", 0)], methods=["STree", "RLVC"], tasks=[task], seeds=2)
+    task = ("attn_tree/Toy-v0", "plain", "", ["STree", "RLVC"])
+    folder = folder_of(tmp_path, [run("STree", 0)], tasks=[task], seeds=2)
     found = report.contents(folder, pictures=False)
     assert len(found.missing) == 2 and "RLVC" in found.missing[1] and "2 of 2" in found.missing[1]
     assert "missing: " in report.terminal_table(folder)
