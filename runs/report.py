@@ -8,6 +8,7 @@ request, and its content policy forbids scripts.
 from __future__ import annotations
 
 import base64
+import io
 import json
 import sys
 from collections import defaultdict
@@ -18,6 +19,7 @@ from typing import Annotated, Any
 
 import jinja2
 import tyro
+from PIL import Image
 
 from runs import cli, figures, record
 from runs.methods import METHODS
@@ -27,12 +29,14 @@ from runs.study import Header, load_study, study_names
 from runs.tables import Row, TaskTable, task_tables, values
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
-LARGEST_PICTURE = 8_000_000  # bytes
+LARGEST_PICTURE = 30_000_000  # bytes of a file
+MOST_PIXELS = 100_000_000
+WIDEST = 1400  # pixels of a drawing on the page
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing of a run: PNG bytes, or SVG text, and what it shows in words."""
+    """A drawing: WebP bytes, or SVG text, and what it shows in words."""
 
     title: str
     alt: str
@@ -114,11 +118,13 @@ def write_report(source: Path, out: Path | None = None) -> list[Path]:
 
     Args:
         source: folder of a study, or a `.jsonl` file of scores.
-        out: folder to write to; that of the study, or of the file, if not given.
+        out: folder to write to, under the study's name; that of the scores if not given.
     """
+    found = contents(source)
     folder = out or (source.parent if source.is_file() else source)
     name = source.stem if source.is_file() else "report"
-    found = contents(source)
+    if out is not None and found.header.name in study_names():
+        name = found.header.name  # reports of several studies may share a folder
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=lambda template: template is not None and ".html" in template,
@@ -262,7 +268,7 @@ def _drawings(table: TaskTable, folders: dict[tuple[Any, ...], Path]) -> list[Pi
             continue
         seen.add(run.method)
         for file, what in (("tree.png", "tree"), ("gaze.png", "gaze")):
-            data = _png(folders[run.key] / file)
+            data = _picture(folders[run.key] / file)
             if data is None:
                 continue
             alt = (
@@ -272,16 +278,25 @@ def _drawings(table: TaskTable, folders: dict[tuple[Any, ...], Path]) -> list[Pi
                 else f"What {run.method}, seed {run.seed}, reads of five images: "
                 f"{number(run.pixel_fraction)} of the pixels of an image on average."
             )
-            drawings.append(Picture(f"{run.method}: {what}, seed {run.seed}", alt, data, "png"))
+            drawings.append(Picture(f"{run.method}: {what}, seed {run.seed}", alt, data, "webp"))
     return drawings
 
 
-def _png(path: Path) -> bytes | None:
-    """A PNG file's bytes; None if there is none, or it is no PNG of a sane size."""
+def _picture(path: Path) -> bytes | None:
+    """A drawing of a run as WebP, small enough for a page; None if there is none or it is no sane PNG."""
     if not path.is_file() or path.stat().st_size > LARGEST_PICTURE:
         return None
-    data = path.read_bytes()
-    return data if data.startswith(b"\x89PNG\r\n\x1a\n") else None
+    try:
+        with Image.open(path, formats=["PNG"]) as drawing:
+            if drawing.width * drawing.height > MOST_PIXELS:
+                return None
+            shown = drawing.convert("RGB")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # Pillow's words for a bad file
+        return None
+    shown.thumbnail((WIDEST, WIDEST))
+    data = io.BytesIO()
+    shown.save(data, "WEBP", quality=80)
+    return data.getvalue()
 
 
 def main(

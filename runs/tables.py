@@ -98,9 +98,10 @@ class TaskTable:
 def task_tables(
     records: Sequence[Record], order: Sequence[str], notes: dict[tuple[str, str], str], reference: str
 ) -> list[TaskTable]:
-    """The tables of a study, one a task, methods in the study's order."""
+    """The tables of a study, one a task, methods in the study's order, tasks in that of their notes."""
     tables = []
-    for env, variant in dict.fromkeys((run.env, run.variant) for run in records):
+    met = {(run.env, run.variant) for run in records}
+    for env, variant in dict.fromkeys([*(task for task in notes if task in met), *sorted(met)]):
         mine = [run for run in records if (run.env, run.variant) == (env, variant)]
         by_method = {name: [r for r in mine if r.method == name] for name in _ordered(mine, order)}
         optimal = [run.return_optimal for run in mine if run.return_optimal is not None]
