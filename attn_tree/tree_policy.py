@@ -75,6 +75,10 @@ class TreePolicy(TablePolicy):
     def _row(self, observation: np.ndarray) -> int:
         if metering():
             return self._walk(self._image(observation)).row
+        if observation.ndim == 0 and self._bank is None:
+            # The learner's own percept: what is known of it outlives every change of the tree.
+            self._image(observation)
+            return self.learner.leaf_in(self._tree, self.learner._percepts.retina(int(observation))).row
         key: Any = int(observation) if observation.ndim == 0 else digest(observation)
         row = self._remembered.get(key)
         if row is None:

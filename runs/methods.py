@@ -99,16 +99,16 @@ def _glimpse(name: str, places: str, note: str) -> Method:
 
 
 _ALL = (
-    Method("STree", "tree", _s_tree, 8, "index", note="saccade tree: a codeword at one place after another"),
-    Method("RLVC", "tree", _rlvc, 8, "index", note="tree over SIFT features of the whole image"),
+    Method("STree", "tree", _s_tree, 32, "index", note="saccade tree: a codeword at one place after another"),
+    Method("RLVC", "tree", _rlvc, 32, "index", note="tree over SIFT features of the whole image"),
     Method("NaturePPO", "network", _nature_ppo, 8, "index", note="PPO, NatureCNN on the full image"),
-    Method("NatureDQN", "network", _nature_dqn, 1, "index", note="DQN, NatureCNN on the full image"),
+    Method("NatureDQN", "network", _nature_dqn, 8, "index", note="DQN, NatureCNN on the full image"),
     _glimpse("GlimpsePPO", "learned", "PPO, a 16×16 glance and 3 windows at learned places"),
     _glimpse("GlimpsePPO-random", "random", "the same at random places"),
     _glimpse("GlimpsePPO-fixed", "fixed", "the same at fixed places"),
     _glimpse("GlimpsePPO-detached", "detached", "the same, places get no gradient"),
     _glimpse("GlimpsePPO-glance", "none", "the glance alone"),
-    Method("PixelTree", "control", _pixel_tree, 8, "index", note="tree over thresholds of raw pixels"),
+    Method("PixelTree", "control", _pixel_tree, 32, "index", note="tree over thresholds of raw pixels"),
     Method("ThumbnailQ", "control", _thumbnail_q, 8, "index", note="table over a hash of an 8×8 thumbnail"),
     Method(
         "TabularQ", "control", _tabular_q, 8, "state", note="table over the hidden state: told the answer"

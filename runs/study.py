@@ -31,6 +31,8 @@ class Task:
         methods: the methods of the study that run in it; all if empty.
         steps: training steps by method, family or `"*"`, looked up in that order.
         note: one sentence for the report.
+        method_settings: keyword arguments of methods in this world, by method or family; they
+            go before those of the study.
     """
 
     env: str
@@ -39,6 +41,7 @@ class Task:
     settings: Mapping[str, Any] = field(default_factory=dict)
     note: str = ""
     methods: Sequence[str] = ()
+    method_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -196,7 +199,11 @@ def cells(study: Study, families: Mapping[str, str]) -> list[Cell]:
             gamma=study.gamma,
             evaluations=study.evaluations,
             env_settings=dict(task.settings),
-            method_settings=dict(study.settings.get(method, {})),
+            method_settings={
+                **study.settings.get(method, {}),
+                **task.method_settings.get(families[method], {}),
+                **task.method_settings.get(method, {}),
+            },
         )
         for seed in range(study.seeds)
         for task in study.tasks
