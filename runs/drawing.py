@@ -37,7 +37,7 @@ def gaze_on(image: np.ndarray, readings: Sequence[Reading], width: int = 320) ->
     number = 0
     for reading in readings:
         colour = ORANGE if reading.stage == "recognition" else BLUE
-        whole = (reading.right - reading.left, reading.bottom - reading.top) == image.shape[1::-1]
+        whole = _is_whole(reading, image)
         left, top = round(reading.left * scale), round(reading.top * scale)
         right, bottom = round(reading.right * scale) - 1, round(reading.bottom * scale) - 1
         if whole:
@@ -56,15 +56,23 @@ def gaze_on(image: np.ndarray, readings: Sequence[Reading], width: int = 320) ->
     return canvas
 
 
-def gaze_strip(model: Any, images: Sequence[np.ndarray], observations: Sequence[Any]) -> np.ndarray:
-    """Drawings of several decisions side by side, RGB; `observations` are of those images."""
-    tiles = []
+def gaze_strip(model: Any, images: Sequence[np.ndarray], observations: Sequence[Any]) -> np.ndarray | None:
+    """Drawings of several decisions side by side, RGB; `observations` are of those images.
+
+    None where no place is chosen: nothing is read, or only whole images are.
+    """
+    tiles, chosen = [], False
     for image, observation in zip(images, observations, strict=True):
         cost, _ = decide(model, observation)
         readings = cost.ledgers[0].readings if cost.ledgers else []
+        chosen = chosen or any(not _is_whole(reading, image) for reading in readings)
         tile = gaze_on(image, readings, 240)
         tiles.append(cv2.copyMakeBorder(tile, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=WHITE))
-    return np.concatenate(tiles, axis=1)
+    return np.concatenate(tiles, axis=1) if chosen else None
+
+
+def _is_whole(reading: Reading, image: np.ndarray) -> bool:
+    return (reading.right - reading.left, reading.bottom - reading.top) == image.shape[1::-1]
 
 
 def write_png(path: Path, image: np.ndarray) -> None:

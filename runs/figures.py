@@ -114,6 +114,9 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
     axes.set_ylabel("return (IQM); filled: held out, hollow: seen")
     if points and min(earned for _, earned in points) < -5:
         axes.set_yscale("symlog", linthresh=1)
+    axes.margins(y=0.08)
+    if points:
+        axes.set_xlim(min(x for x, _ in points) / 1.6, max(x for x, _ in points) * 1.6)
     return _svg(figure, axes)
 
 

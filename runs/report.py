@@ -263,7 +263,8 @@ def _plot(title: str, alt: str, svg: str) -> Picture:
 def _drawings(table: TaskTable, folders: dict[tuple[Any, ...], Path]) -> list[Picture]:
     """Tree and gaze of each method's first seed on disk."""
     drawings, seen = [], set()
-    for run in sorted(table.records, key=lambda run: run.seed):
+    order = [row.method for row in table.rows]
+    for run in sorted(table.records, key=lambda run: (order.index(run.method), run.seed)):
         if run.method in seen or run.key not in folders:
             continue
         seen.add(run.method)

@@ -38,6 +38,8 @@ def make_env(method: Method, env: str, settings: Mapping[str, Any], n_envs: int,
     from envs.sb3 import make_vec
 
     if is_ours(env):
+        if "builder" in settings:  # names code to call, and settings may come from a file
+            raise ValueError("'builder' is fixed by the environment's id and cannot be set")
         return make_vec(env, n_envs=n_envs, seed=seed, obs=method.obs, **settings)
     return make_vec(env, n_envs=n_envs, seed=seed, **settings)
 
@@ -228,4 +230,6 @@ def _draw(model: Any, method: Method, env: Any, folder: Path) -> None:
         met = list(dict.fromkeys(percepts_of(worlds[0], "index")))[:5]
         images = [worlds[0].images[image] for image in met]
         shown = met if method.obs == "index" else images
-        drawing.write_png(folder / "gaze.png", drawing.gaze_strip(model, images, shown))
+        strip = drawing.gaze_strip(model, images, shown)
+        if strip is not None:
+            drawing.write_png(folder / "gaze.png", strip)

@@ -166,6 +166,8 @@ def main(
         raise cli.UserMistake("--steps must be at least 1 and --fps positive")
     with cli.mistakes_of(ArchiveError):
         origin = models.read_origin(model)
+    if env is None and origin.env not in REGISTERED:  # making it may import what the file names
+        raise cli.UserMistake(f"{model}: was trained in {origin.env!r}, none of ours; name it with --env")
     name = env or origin.env
     if is_ours(name):
         name = cli.known("environment", name.removeprefix("envs:"), REGISTERED)

@@ -1,6 +1,7 @@
 """Command lines: the user's mistake is one line on stderr and status 2, never a traceback."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -30,7 +31,19 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    arguments = ["STree", "--env", WORLD, "--out", str(folder), "--steps", "3000", "--seed", "3"]
+    arguments = [
+        "STree",
+        "--env",
+        WORLD,
+        "--set",
+        "episodes_per_phase=20",
+        "--out",
+        str(folder),
+        "--steps",
+        "8000",
+        "--seed",
+        "3",
+    ]
     assert cli.main(train.main, "runs.train", arguments) == 0
     return folder / "model.zip"
 
@@ -124,9 +137,14 @@ def test_damaged_and_hostile_models(model: Path, run: Run, tmp_path: Path) -> No
     write_archive(
         tmp_path / "inner.zip", {**meta, "model": {"kind": "learner", "meta": {"class": "x"}}}, arrays
     )
-    for name in ("cut", "text", "method", "empty", "kind", "inner"):
+    write_archive(tmp_path / "env.zip", {**meta, "env": "antigravity:attn_tree/Evil-v0"}, arrays)
+    code = {"builder": "os:system", "command": f"touch {tmp_path}/run"}
+    write_archive(tmp_path / "builder.zip", {**meta, "env_settings": code}, arrays)
+    for name in ("cut", "text", "method", "empty", "kind", "inner", "env", "builder"):
         status, _, err = run(watch, tmp_path / f"{name}.zip", "--out", tmp_path / "x.gif", "--steps", 2)
-        assert status == 2 and err.count("\n") == 1 and f"{name}.zip" in err, (name, err)
+        assert status == 2 and err.count("\n") == 1, (name, err)
+        assert f"{name}.zip" in err or "'builder'" in err, (name, err)
+    assert "antigravity" not in sys.modules and not (tmp_path / "run").exists()
     assert not (tmp_path / "x.gif").exists()
 
 
