@@ -57,9 +57,13 @@ class Record:
     correct_policy_rate_heldout: float | None = None
     steps_to_correct: int | None = None
     phases: int | None = None
+    phases_to_correct: int | None = None
     tree_depth: float | None = None
     tree_leaves: int | None = None
     tree_nodes: int | None = None
+    tree_depth_grown: float | None = None  # before pruning
+    tree_leaves_grown: int | None = None
+    leaves_unsplittable: int | None = None  # grown leaves that confuse percepts no question separates
     questions_per_decision: float | None = None
     sri: float | None = None
     leaf_entropy: float | None = None

@@ -68,6 +68,7 @@ def train(cell: Cell, folder: Path) -> None:
     )
     run = _scored(cell, method, model, env)
     run.curve, run.steps_to_correct = callback.curve, callback.steps_to_correct
+    run.phases_to_correct = callback.phases_to_correct
     run.train_cpu_s, run.train_wall_s = cpu, wall
     run.prepare_cpu_s = prepared + getattr(model, "prepare_cpu_s", 0.0)
     run.model_bytes = (folder / MODEL).stat().st_size
@@ -201,6 +202,9 @@ def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
     if figures is not None:
         run.tree_depth, run.tree_leaves, run.tree_nodes = figures.depth, figures.leaves, figures.nodes
         run.sri, run.leaf_entropy = figures.sri, figures.leaf_entropy
+        grown = model.grown_tree
+        run.tree_depth_grown, run.tree_leaves_grown = grown.depth, len(grown.leaves)
+        run.leaves_unsplittable = model.unsplittable
     return run
 
 

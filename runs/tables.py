@@ -35,6 +35,8 @@ class Row:
     better: Estimate | None  # P(better than the reference on held-out views, else on seen ones)
     depth: float | None
     leaves: float | None
+    leaves_grown: float | None
+    phases: float | None
     questions: float | None
     sri: float | None
     leaf_entropy: float | None
@@ -44,7 +46,7 @@ class Row:
     touched: float | None
     milliseconds: float | None
     milliseconds_p95: float | None
-    macs: float | None
+    operations: float | None  # MACs of a network; filter taps, descriptor votes and distance terms of a tree
     train_cpu_s: float | None
     prepare_cpu_s: float | None
     steps_to_correct: float | None
@@ -155,6 +157,8 @@ def _row(name: str, runs: Sequence[Record], reference: Sequence[Record]) -> Row:
         better=_better(name, runs, reference),
         depth=middle("tree_depth"),
         leaves=middle("tree_leaves"),
+        leaves_grown=middle("tree_leaves_grown"),
+        phases=middle("phases_to_correct", lambda v: float(np.median(v))),
         questions=middle("questions_per_decision"),
         sri=middle("sri"),
         leaf_entropy=middle("leaf_entropy"),
@@ -164,12 +168,23 @@ def _row(name: str, runs: Sequence[Record], reference: Sequence[Record]) -> Row:
         touched=middle("pixels_touched"),
         milliseconds=middle("decision_ms_p50", lambda v: float(np.median(v))),
         milliseconds_p95=middle("decision_ms_p95", lambda v: float(np.median(v))),
-        macs=middle("macs"),
+        operations=_operations(runs),
         train_cpu_s=middle("train_cpu_s"),
         prepare_cpu_s=middle("prepare_cpu_s"),
         steps_to_correct=middle("steps_to_correct", lambda v: float(np.median(v))),
         model_kb=None if size is None else size / 1000,
     )
+
+
+def _operations(runs: Sequence[Record]) -> float | None:
+    """Arithmetic of a decision: MACs where they were counted, else all operations but questions."""
+    totals = [
+        run.macs
+        if run.macs is not None
+        else sum(n for name, n in run.operations.items() if name != "questions")
+        for run in runs
+    ]
+    return float(np.mean(totals)) if any(totals) else None
 
 
 def _better(name: str, runs: Sequence[Record], reference: Sequence[Record]) -> Estimate | None:

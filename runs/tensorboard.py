@@ -37,7 +37,9 @@ class StudyCallback(BaseCallback):
 
     Attributes:
         curve: one entry per evaluation, the figures and `steps`.
-        steps_to_correct: steps at the first evaluation with a correct-policy rate of 1, or None.
+        steps_to_correct: steps at the evaluation from which on the correct-policy rate stayed 1,
+            None if it is not 1 at the end.
+        phases_to_correct: phases of a tree's growth by then, or None.
         cpu_s, wall_s: time spent in here.
     """
 
@@ -46,6 +48,7 @@ class StudyCallback(BaseCallback):
         self.evaluate, self.every, self.percept = evaluate, max(1, every), percept
         self.curve: list[dict[str, float]] = []
         self.steps_to_correct: int | None = None
+        self.phases_to_correct: int | None = None
         self.cpu_s = self.wall_s = 0.0
 
     def _on_training_start(self) -> None:
@@ -65,8 +68,11 @@ class StudyCallback(BaseCallback):
         cpu, wall = time.process_time(), time.perf_counter()
         figures = self.evaluate(self.model)
         self.curve.append({"steps": self.num_timesteps, **figures})
-        if self.steps_to_correct is None and figures.get("correct_policy_rate", 0) >= 1 - 1e-9:
+        if figures.get("correct_policy_rate", 0) < 1 - 1e-9:
+            self.steps_to_correct = self.phases_to_correct = None
+        elif self.steps_to_correct is None:
             self.steps_to_correct = self.num_timesteps
+            self.phases_to_correct = getattr(self.model, "phase", None)
         for name, value in figures.items():
             self.logger.record(_TAGS.get(name, f"eval/{name}"), value)
         self._record_tree(figures)
