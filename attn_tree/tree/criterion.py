@@ -22,6 +22,8 @@ from scipy.special import stdtr
 
 # A mean difference below this share of the larger magnitude is rounding, not conflict.
 _ROUNDING = 1e-9
+# Percept means are certain when their squared standard error is below this share of their variance.
+_CERTAIN = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,14 +113,16 @@ def separation_p_value(evidence: Evidence, pairs: np.ndarray, groups: np.ndarray
         groups: `(m,)` their answers; with more than two the p-value is Bonferroni-corrected.
 
     Returns:
-        Welch's p-value. Where Δ never varies over the repeats of a percept, differences
-        between percepts are no chance: 0 if the groups' means differ at all, else 1. A group
-        of one percept borrows the variance of the other; two single percepts of noisy Δ give 1.
+        Welch's p-value. Where repeats have made the mean Δ of every percept certain (Δ never
+        varies, or its mean has a standard error far below the differences between percepts),
+        those differences are no chance: 0 if the groups' means differ at all, else 1. A group of
+        one percept borrows the variance of the other; two single percepts of uncertain Δ give 1.
     """
     means = evidence.means[pairs]
     scale = max(float(np.abs(means).max(initial=0.0)), 1.0)
-    repeated = evidence.counts[pairs] > 1
-    certain = repeated.any() and float(evidence.noise[pairs].max()) <= (_ROUNDING * scale) ** 2
+    repeated = bool((evidence.counts[pairs] > 1).any())
+    squared_error = float((evidence.noise[pairs] / evidence.counts[pairs]).max())
+    certain = repeated and squared_error <= max(_CERTAIN * float(np.var(means)), (_ROUNDING * scale) ** 2)
     answers = np.unique(groups)
     smallest = 1.0
     for answer in answers if len(answers) > 2 else answers[:1]:

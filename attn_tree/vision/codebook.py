@@ -56,18 +56,21 @@ def distinctive_features(descriptors: np.ndarray, threshold: float) -> np.ndarra
     """
     if len(descriptors) == 0:
         raise ValueError("the images have no SIFT features; use images with more texture")
-    founders = [0]
-    nearest = np.linalg.norm(descriptors - descriptors[0], axis=1)
+    vectors = np.ascontiguousarray(descriptors, np.float32)
+    squares = (vectors**2).sum(axis=1)
+    founders: list[int] = []
+    nearest = np.full(len(vectors), np.inf, np.float32)  # squared distance to the founders so far
     # The next founder is the first vector, in order, that is far from all founders so far;
     # vectors skipped stay within reach of an earlier founder, so no pass is repeated.
-    for i in range(1, len(descriptors)):
-        if nearest[i] > threshold:
+    for i in range(len(vectors)):
+        if nearest[i] > threshold**2:
             founders.append(i)
-            np.minimum(nearest, np.linalg.norm(descriptors - descriptors[i], axis=1), out=nearest)
-    means = descriptors[founders].astype(np.float64)
-    counts = np.ones(len(founders))
-    for i in np.setdiff1d(np.arange(len(descriptors)), founders):
-        home = int(((means - descriptors[i]) ** 2).sum(axis=1).argmin())
+            np.minimum(nearest, squares + squares[i] - 2 * (vectors @ vectors[i]), out=nearest)
+    means, counts = vectors[founders], np.ones(len(founders))
+    lengths = squares[founders]
+    for i in np.setdiff1d(np.arange(len(vectors)), founders):
+        home = int((lengths - 2 * (means @ vectors[i])).argmin())
         counts[home] += 1
-        means[home] += (descriptors[i] - means[home]) / counts[home]
-    return means.astype(np.float32)
+        means[home] += (vectors[i] - means[home]) / counts[home]
+        lengths[home] = means[home] @ means[home]
+    return means

@@ -10,7 +10,7 @@ from runs.study import Study, Task
 
 _FOUR = "attn_tree/VisualGridworld-4x4-v0"
 _SMALL = {"tree": 60_000, "NatureDQN": 3_000, "network": 4_096, "control": 60_000, "Random": 2_048}
-_MEDIUM = {"tree": 200_000, "network": 10_240, "control": 200_000, "Random": 2_048}
+_MEDIUM = {"tree": 200_000, "network": 6_144, "control": 200_000, "Random": 2_048}
 _LARGE = {"tree": 4_000_000, "control": 1_000_000, "Random": 4_096}
 
 _TREES = ["STree", "RLVC", "PixelTree", "ThumbnailQ", "TabularQ", "Random"]
@@ -63,7 +63,7 @@ STUDY = Study(
             "distinct",
             _MEDIUM,
             note="The grid of thesis 7.4",
-            methods=[*_TREES, "NaturePPO", "GlimpsePPO"],
+            methods=[*_TREES, "GlimpsePPO"],
             method_settings={"tree": _EPISODES[6], "PixelTree": _EPISODES[6]},
         ),
         Task(
