@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from attn_tree.memory import Transitions
+
 
 def leaf_model_values(
     rows: np.ndarray,
-    actions: np.ndarray,
-    rewards: np.ndarray,
     next_rows: np.ndarray,
-    terminated: np.ndarray,
+    memory: Transitions,
     counts: np.ndarray,
     values: np.ndarray,
     gamma: float,
@@ -24,18 +24,20 @@ def leaf_model_values(
     """Action values `(R, A)` of the maximum-likelihood leaf process, by value iteration.
 
     Args:
-        rows, actions, rewards, next_rows, terminated: `(n,)` remembered transitions between leaves.
+        rows, next_rows: `(n,)` leaves of the transitions' percepts and next percepts.
+        memory: the `n` transitions.
         counts: `(n,)` how often each was met.
         values: `(R, A)` present values, kept where nothing is remembered.
         gamma: discount factor, below 1.
+        tolerance: largest change of the last sweep.
     """
     n_rows, n_actions = values.shape
-    entries = rows * n_actions + actions
+    entries = rows * n_actions + memory.actions
     size = n_rows * n_actions
     totals = np.bincount(entries, counts, minlength=size)
     known = totals > 0
-    mean_reward = np.bincount(entries, rewards * counts, minlength=size) / np.maximum(totals, 1)
-    goes_on = counts / totals[entries] * ~terminated
+    mean_reward = np.bincount(entries, memory.rewards * counts, minlength=size) / np.maximum(totals, 1)
+    goes_on = counts / totals[entries] * ~memory.terminated
     solved = values.astype(np.float64).reshape(-1).copy()
     horizon = int(np.ceil(np.log(tolerance) / np.log(max(gamma, 1e-3)))) if gamma < 1 else 10_000
     for _ in range(max(horizon, 1)):

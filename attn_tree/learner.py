@@ -21,29 +21,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from matplotlib.figure import Figure
-from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.growth import Growth
 from attn_tree.leaf_model import leaf_model_values
 from attn_tree.memory import Memory, Transitions
-from attn_tree.percepts import BankPercepts, Percepts, SeenPercepts
+from attn_tree.percepts import BankPercepts, Percepts, percepts_for
 from attn_tree.picture import draw_learner
 from attn_tree.q_learning import TableLearner
-from attn_tree.tree.criterion import Evidence, delta_variance
+from attn_tree.refinement import LeafMemory, Snapshot, best_question
 from attn_tree.tree.node import Node, Tree
 from attn_tree.tree.pruning import prune
-from attn_tree.tree.splitter import best_split
 from attn_tree.tree_policy import TreePolicy
 from attn_tree.vision.retina import Retina
 from attn_tree.vocabulary import Vocabulary
 
 # Images a vocabulary is prepared from; the thesis says "some random images".
 _PREPARE_IMAGES = 40
-# Share of the reward range by which Q may differ from the Δ remembered and still count as settled.
-_SETTLED = 0.01
 
 
 class QuasiStaticLearner(TableLearner):
@@ -97,26 +92,7 @@ class QuasiStaticLearner(TableLearner):
         return self.grown_tree.rows
 
     def _make_percepts(self) -> Percepts:
-        space = self.observation_space
-        if isinstance(space, spaces.Box) and is_image_space(space, check_channels=False):
-            return SeenPercepts(space)
-        if isinstance(space, spaces.Discrete):
-            return BankPercepts(self._bank_of_environment())
-        raise ValueError(
-            f"{type(self).__name__} looks at images: observations must be uint8 images (H, W, C), "
-            f"or numbers into the bank of an environment, not {space}"
-        )
-
-    def _bank_of_environment(self) -> np.ndarray:
-        if self.env is None:
-            return np.empty((0, 1, 1, 3), np.uint8)
-        try:
-            return self.env.get_attr("bank")[0]
-        except AttributeError:
-            raise ValueError(
-                f"observations are {self.observation_space} but the environment has no `bank` of images: "
-                "use an environment whose observations are images"
-            ) from None
+        return percepts_for(self.observation_space, self.env, type(self).__name__)
 
     def _make_policy(self) -> TreePolicy:
         return TreePolicy(self)
@@ -210,33 +186,22 @@ class QuasiStaticLearner(TableLearner):
     def _refine(self) -> None:
         """Split the aliased leaves by what is remembered; count the phase; log it."""
         self._memory.settle()
-        memory, counts = self._memory.transitions, self._memory.counts
+        memory = self._memory.transitions
         if not self.vocabulary.ready:
             self._prepare(memory)
-        rows = self._rows(memory.percepts)
-        next_rows = self._rows(memory.next_percepts)
+        rows, next_rows = self._rows(memory.percepts), self._rows(memory.next_percepts)
         if self.growth.leaf_values == "model":
             self.values = leaf_model_values(
-                rows,
-                memory.actions,
-                memory.rewards,
-                next_rows,
-                memory.terminated,
-                counts,
-                self.values,
-                self.gamma,
+                rows, next_rows, memory, self._memory.counts, self.values, self.gamma
             )
-        future = np.where(memory.terminated, 0.0, self.values[next_rows].max(axis=1))
-        deltas = memory.rewards + self.gamma * future
-        spread = float(np.ptp(memory.rewards)) if len(memory) else 0.0
-        settled = self._settled(rows, memory.actions, deltas, counts, spread)
+        seen = Snapshot.of(memory, self._memory.counts, rows, next_rows, self.values, self.gamma, self.growth)
+        settled = seen.settled(self.values)
         self.aliased, variances = 0, []
-        threshold = self._aliasing_threshold(spread)
         for leaf in self.grown_tree.leaves:
-            mine = np.flatnonzero(rows == leaf.row)
-            variances.append(
-                self._refine_leaf(leaf, memory.take(mine), deltas[mine], counts[mine], threshold)
-            )
+            held = seen.leaf(leaf.row)
+            variances.append(held.variance)
+            if held.visits.sum() >= self.growth.mem_threshold and held.variance > seen.threshold:
+                self.aliased += self._split(leaf, held)
         self.delta_variance = float(np.mean(variances))
         self.phase += 1
         self._quiet_phases = self._quiet_phases + 1 if self.aliased == 0 and settled else 0
@@ -244,70 +209,19 @@ class QuasiStaticLearner(TableLearner):
         self.version += 1
         self._log_phase()
 
-    def _aliasing_threshold(self, spread: float) -> float:
-        if self.growth.aliasing_threshold is not None:
-            return self.growth.aliasing_threshold
-        return (self.growth.relative_threshold * spread) ** 2
-
-    def _settled(
-        self, rows: np.ndarray, actions: np.ndarray, deltas: np.ndarray, counts: np.ndarray, spread: float
-    ) -> bool:
-        """Whether Q agrees with what is remembered: the Bellman residual of every leaf and action.
-
-        Differences of Δ below the aliasing threshold are excused; larger ones are not, so where
-        percepts hide the state learning goes on until α has fallen.
-        """
-        size = self.values.size
-        entries = rows * self.values.shape[1] + actions
-        totals = np.maximum(np.bincount(entries, counts, size), 1)
-        means = np.bincount(entries, deltas * counts, size) / totals
-        spreads = np.sqrt(np.bincount(entries, (deltas - means[entries]) ** 2 * counts, size) / totals)
-        residuals = np.abs(self.values.ravel() - means)[entries]
-        excused = np.minimum(spreads[entries], np.sqrt(self._aliasing_threshold(spread)))
-        return bool((residuals <= _SETTLED * spread + 2 * excused).all())
-
-    def _refine_leaf(
-        self, leaf: Node, memory: Transitions, deltas: np.ndarray, counts: np.ndarray, threshold: float
-    ) -> float:
-        """Split one leaf if it is aliased by its memory; returns the variance of Δ under it."""
-        percepts, positions = np.unique(memory.percepts, return_inverse=True)
-        if len(percepts) == 0:
-            return 0.0
-        evidence = Evidence.gather(positions, memory.actions, deltas, counts)
-        variance = delta_variance(evidence)
-        if int(counts.sum()) < self.growth.mem_threshold or variance <= threshold:
-            return variance
-        known = frozenset(percepts.tolist())
-        if self._unsplittable.get(leaf.row) == known:
-            return variance
-        if self._split(leaf, percepts, np.bincount(positions, counts), evidence):
-            self.aliased += 1
-        else:
-            self._unsplittable[leaf.row] = known
-        return variance
-
-    def _split(self, leaf: Node, percepts: np.ndarray, counts: np.ndarray, evidence: Evidence) -> bool:
-        """Ask the best of the candidate questions at `leaf`; False if none separates its percepts."""
-        retinas = [self._percepts.retina(int(percept)) for percept in percepts]
-        for attempt in range(1 + self.growth.retries):
-            questions = self.vocabulary.candidates(leaf, retinas, self.rng, attempt)
-            if not questions:
-                return False
-            answers = np.array([self.vocabulary.answers(questions, retina) for retina in retinas])
-            best = best_split(
-                evidence,
-                answers,
-                significance=self.growth.significance,
-                cross_validated=self.growth.cross_validated,
-            )
-            if best is not None:
-                break
-        else:
+    def _split(self, leaf: Node, held: LeafMemory) -> bool:
+        """Ask the best question at an aliased leaf; False if none separates its percepts."""
+        row, known = leaf.row, frozenset(held.percepts.tolist())
+        if self._unsplittable.get(row) == known:
             return False
-        given = answers[:, best.question]
-        row = leaf.row
-        visits = {int(a): int(counts[given == a].sum()) for a in np.unique(given)}
-        children = self.grown_tree.split(leaf, questions[best.question], visits)
+        retinas = [self._percepts.retina(int(percept)) for percept in held.percepts]
+        best = best_question(self.vocabulary, leaf, retinas, held.evidence, self.growth, self.rng)
+        if best is None:
+            self._unsplittable[row] = known
+            return False
+        question, answers = best
+        visits = {int(a): int(held.visits[answers == a].sum()) for a in np.unique(answers)}
+        children = self.grown_tree.split(leaf, question, visits)
         inherited = np.repeat(self.values[row][None], len(children), axis=0)
         self.values = np.concatenate([self.values, inherited])
         self._unsplittable.pop(row, None)

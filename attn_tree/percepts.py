@@ -14,6 +14,8 @@ from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
+from stable_baselines3.common.preprocessing import is_image_space
+from stable_baselines3.common.vec_env import VecEnv
 
 from attn_tree.vision.retina import Retina
 
@@ -92,6 +94,35 @@ class SeenPercepts:
         kept = set(numbers)
         self._retinas = {n: retina for n, retina in self._retinas.items() if n in kept}
         self._number = {key: n for key, n in self._number.items() if n in kept}
+
+
+def percepts_for(space: spaces.Space[Any], env: VecEnv | None, who: str) -> Percepts:
+    """The percepts of an environment: of its bank for Discrete observations, else the images met.
+
+    Args:
+        space: its observation space.
+        env: the environment, or None for a model loaded without one.
+        who: the learner's name, for the message.
+
+    Raises:
+        ValueError: observations are neither images nor numbers of images.
+    """
+    if isinstance(space, spaces.Box) and is_image_space(space, check_channels=False):
+        return SeenPercepts(space)
+    if not isinstance(space, spaces.Discrete):
+        raise ValueError(
+            f"{who} looks at images: observations must be uint8 images (H, W, C), "
+            f"or numbers into the bank of an environment, not {space}"
+        )
+    if env is None:
+        return BankPercepts(np.empty((0, 1, 1, 3), np.uint8))
+    try:
+        return BankPercepts(env.get_attr("bank")[0])
+    except AttributeError:
+        raise ValueError(
+            f"observations are {space} but the environment has no `bank` of images: "
+            "use an environment whose observations are images"
+        ) from None
 
 
 def digest(image: np.ndarray) -> bytes:

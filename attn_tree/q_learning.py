@@ -16,9 +16,8 @@ that serves several situations at the mercy of the last update.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from gymnasium import spaces
@@ -27,14 +26,12 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback
-from stable_baselines3.common.utils import FloatSchedule, LinearSchedule, safe_mean
+from stable_baselines3.common.utils import FloatSchedule, safe_mean
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from attn_tree.spaces_json import space_from_json, space_to_json
-from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
-
-Rate: TypeAlias = float | Callable[[float], float]
-LEARNING_RATE = LinearSchedule(0.7, 0.02, 1.0)
+from attn_tree.model_file import load_learner, save_learner
+from attn_tree.rates import LEARNING_RATE, Rate, rate_from_json, rate_to_json
+from attn_tree.table_policy import TablePolicy
 
 
 def q_update(
@@ -60,52 +57,6 @@ def q_update(
     weights = alpha * (1 - alpha) ** updates_after
     touched = entries[starts]
     flat[touched] = (1 - alpha) ** counts * flat[touched] + np.add.reduceat(weights * targets, starts)
-
-
-class TablePolicy(BasePolicy):
-    """Acts by the rows of its learner's table; holds no parameters of its own."""
-
-    def __init__(self, learner: TableLearner) -> None:
-        super().__init__(learner.observation_space, learner.action_space)
-        object.__setattr__(self, "learner", learner)  # not a submodule: torch must not walk into it
-
-    learner: TableLearner
-
-    def action_values(self, observations: np.ndarray) -> np.ndarray:
-        """Q of a batch of observations, `(n, A)`."""
-        learner = self.learner
-        return learner.values[learner._rows(learner._perceive(observations))]
-
-    def predict(
-        self,
-        observation: np.ndarray | dict[str, np.ndarray],
-        state: tuple[np.ndarray, ...] | None = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = False,
-    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
-        """Greedy actions; with `deterministic=False`, those of the exploring policy."""
-        batch, single = self._batched(observation)
-        values = self.action_values(batch)
-        actions = values.argmax(axis=1) if deterministic else self.learner._choose(values)
-        return (actions[0] if single else actions), state
-
-    def _batched(self, observation: Any) -> tuple[np.ndarray, bool]:
-        """The observation with a batch axis, channels last as the environment gives them."""
-        observation = np.asarray(observation)
-        shape = self.observation_space.shape or ()
-        single = observation.ndim == len(shape)
-        batch = observation[None] if single else observation
-        channels_first = len(shape) == 3 and batch.shape[1:] == (shape[2], *shape[:2])
-        if channels_first and batch.shape[1:] != shape:
-            batch = batch.transpose(0, 2, 3, 1)
-        if batch.shape[1:] != shape:
-            raise ValueError(
-                f"an observation of shape {observation.shape} was given; expected {shape} or a batch of it"
-            )
-        return batch, single
-
-    def _predict(self, observation: Any, deterministic: bool = False) -> Any:
-        raise NotImplementedError("a table has no tensors; call predict")
 
 
 class TableLearner(BaseAlgorithm):
@@ -348,19 +299,7 @@ class TableLearner(BaseAlgorithm):
 
     def save(self, path: str | Path, exclude: Any = None, include: Any = None) -> None:  # type: ignore[override]
         """Write the model to `path`, JSON and arrays; `.zip` is added to a bare name, as in SB3."""
-        state, arrays = self._state()
-        meta = {
-            "class": type(self).__name__,
-            "settings": self._settings(),
-            "observation_space": space_to_json(self.observation_space),
-            "action_space": space_to_json(self.action_space),
-            "num_timesteps": self.num_timesteps,
-            "episodes": self._episode_num,
-            "prepare_cpu_s": self.prepare_cpu_s,
-            "rng": self.rng.bit_generator.state,
-            "state": state,
-        }
-        write_archive(_with_suffix(path), meta, arrays)
+        save_learner(self, path)
 
     @classmethod
     def load(cls, path: str | Path, env: GymEnv | str | None = None, **kwargs: Any) -> Self:  # type: ignore[override]
@@ -369,50 +308,4 @@ class TableLearner(BaseAlgorithm):
         Raises:
             ArchiveError: not such a file, or one of another class.
         """
-        meta, arrays = read_archive(_with_suffix(path))
-        if meta.get("class") != cls.__name__:
-            raise ArchiveError(f"{path}: holds a {meta.get('class')!r}; expected {cls.__name__}")
-        try:
-            model = cls(env, **{**meta["settings"], **kwargs}, _init_setup_model=False)
-            if env is None:
-                model.observation_space = space_from_json(meta["observation_space"])
-                model.action_space = space_from_json(meta["action_space"])
-                model.n_envs = 1
-            model._setup_model()
-            model.num_timesteps, model._episode_num = int(meta["num_timesteps"]), int(meta["episodes"])
-            model.prepare_cpu_s = float(meta["prepare_cpu_s"])
-            model.rng.bit_generator.state = meta["rng"]
-            model._restore(meta["state"], arrays)
-        except ArchiveError:
-            raise
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise ArchiveError(f"{path}: not a usable {cls.__name__} ({_one_line(error)})") from None
-        return model
-
-
-def rate_to_json(rate: Rate) -> Any:
-    """A rate as a JSON value: a number, or the three of SB3's `LinearSchedule`."""
-    inner = getattr(rate, "value_schedule", rate)
-    if isinstance(inner, LinearSchedule):
-        return {"linear": [inner.start, inner.end, inner.end_fraction]}
-    if callable(inner):
-        raise ValueError("only a number or a LinearSchedule can be saved as a rate")
-    return float(inner)
-
-
-def rate_from_json(value: Any) -> Rate:
-    """The rate that `rate_to_json` wrote; numbers and schedules pass through."""
-    if isinstance(value, dict):
-        start, end, fraction = value["linear"]
-        return LinearSchedule(float(start), float(end), float(fraction))
-    return value
-
-
-def _with_suffix(path: str | Path) -> Path:
-    path = Path(path)
-    return path if path.suffix else path.with_suffix(".zip")
-
-
-def _one_line(error: Exception) -> str:
-    text = str(error).splitlines()
-    return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
+        return load_learner(cls, path, env, kwargs)

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 from attn_tree.percepts import as_image, digest
-from attn_tree.q_learning import TablePolicy
+from attn_tree.table_policy import TablePolicy
 from attn_tree.tree.node import Node, Tree
 from attn_tree.vision.retina import Retina, metering
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
-from attn_tree.q_learning import TableLearner, TablePolicy
+from attn_tree.q_learning import TableLearner
+from attn_tree.table_policy import TablePolicy
 
 
 class _RandomPolicy(TablePolicy):

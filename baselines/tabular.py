@@ -18,7 +18,8 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback
 
-from attn_tree.q_learning import Rate, TableLearner
+from attn_tree.q_learning import TableLearner
+from attn_tree.rates import Rate
 from attn_tree.vision.retina import Retina, metering
 from baselines.bank_extractor import bank_of
 

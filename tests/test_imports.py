@@ -19,6 +19,8 @@ ALLOWED = {
         "attn_tree.tree",
         # Controls that are trees or tables use the one learner, with questions of their own.
         "attn_tree.q_learning",
+        "attn_tree.table_policy",
+        "attn_tree.rates",
         "attn_tree.learner",
         "attn_tree.vocabulary",
         "attn_tree.growth",

@@ -74,9 +74,8 @@ def test_leaf_model_solves_a_chain_by_hand() -> None:
     # 0 -> 1 -> end (+1) by action 0; action 1 stays; rewards 0 but for the end.
     rows, actions = np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1])
     next_rows, ended = np.array([1, 1, 0, 1]), np.array([False, True, False, False])
-    values = leaf_model_values(
-        rows, actions, np.array([0, 1.0, 0, 0]), next_rows, ended, np.ones(4), np.zeros((2, 2)), 0.5
-    )
+    memory = Transitions(rows, actions, np.array([0, 1.0, 0, 0]), next_rows, ended)
+    values = leaf_model_values(rows, next_rows, memory, np.ones(4), np.zeros((2, 2)), 0.5)
     np.testing.assert_allclose(values, [[0.5, 0.25], [1, 0.5]], atol=1e-6)
 
 
@@ -179,6 +178,8 @@ def test_malformed_models_are_refused_in_one_line(tmp_path) -> None:
     model, _ = learned(STree, 0, steps=5_000)
     assert model.phase > 0
     model.save(tmp_path / "m.zip")
+    with pytest.raises(ArchiveError, match="spaces do not match"):
+        STree.load(tmp_path / "m.zip", env=make_vec(GRID, obs="pixels"))
     with pytest.raises(ArchiveError, match="expected RLVC"):
         RLVC.load(tmp_path / "m.zip")
     from attn_tree.tree.storage import read_archive, write_archive

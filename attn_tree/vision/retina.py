@@ -213,10 +213,14 @@ class Retina:
         self.ledger.enter(0, 0, self.width, self.height, self.width * self.height, stage)
         return self._image
 
-    def glance(self, size: int, stage: Stage = "selection") -> np.ndarray:
-        """The whole image binned to `size` × `size` values; touches every pixel, takes in `size`²."""
-        self.ledger.enter(0, 0, self.width, self.height, size * size, stage)
-        return cv2.resize(self._image, (size, size), interpolation=cv2.INTER_AREA)
+    def glance(self, size: int | tuple[int, int], stage: Stage = "selection") -> np.ndarray:
+        """The whole image binned to `size` × `size` values, or to (width, height).
+
+        Touches every pixel, takes in as many values as it returns.
+        """
+        width, height = (size, size) if isinstance(size, int) else size
+        self.ledger.enter(0, 0, self.width, self.height, width * height, stage)
+        return cv2.resize(self._image, (width, height), interpolation=cv2.INTER_AREA)
 
     def count(self, **operations: int) -> None:
         """Add work done, by name (`filter_taps=…`)."""
