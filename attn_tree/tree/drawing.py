@@ -85,7 +85,7 @@ def _layout(tree: Tree) -> dict[Node, tuple[float, float]]:
 
 def _draw_edge(axes: Axes, above: tuple[float, float], below: tuple[float, float], text: str) -> None:
     axes.plot([above[0], below[0]], [above[1], below[1]], color=_EDGE, linewidth=1, zorder=1)
-    x, y = (above[0] + 2 * below[0]) / 3, (above[1] + 2 * below[1]) / 3 + 0.02
+    x, y = (above[0] + below[0]) / 2, (above[1] + below[1]) / 2 + 0.1
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
     axes.text(x, y, text, fontsize=7, color=_NODE, ha="center", va="center", bbox=box, zorder=2)
 

@@ -11,8 +11,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from sklearn.cluster import KMeans
-from sklearn.exceptions import ConvergenceWarning
 
 
 def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -27,6 +25,10 @@ def kmeans_codebook(descriptors: np.ndarray, words: int, rng: np.random.Generato
     Raises:
         ValueError: there are fewer distinct descriptors than words.
     """
+    # Imported here: scikit-learn takes longer to import than most runs take to need it.
+    from sklearn.cluster import KMeans
+    from sklearn.exceptions import ConvergenceWarning
+
     distinct = len(np.unique(descriptors, axis=0))
     if distinct < words:
         raise ValueError(
