@@ -109,9 +109,9 @@ _ALL = (
     _glimpse("GlimpsePPO-detached", "detached", "the same, places get no gradient"),
     _glimpse("GlimpsePPO-glance", "none", "the glance alone"),
     Method("PixelTree", "control", _pixel_tree, 32, "index", note="tree over thresholds of raw pixels"),
-    Method("ThumbnailQ", "control", _thumbnail_q, 8, "index", note="table over a hash of an 8×8 thumbnail"),
+    Method("ThumbnailQ", "control", _thumbnail_q, 32, "index", note="table over a hash of an 8×8 thumbnail"),
     Method(
-        "TabularQ", "control", _tabular_q, 8, "state", note="table over the hidden state: told the answer"
+        "TabularQ", "control", _tabular_q, 32, "state", note="table over the hidden state: told the answer"
     ),
     Method("Random", "control", _random, 8, "index", note="uniform random actions"),
 )
