@@ -1,0 +1,218 @@
+"""Feature pyramids of the saliency models (thesis 5.3.1, eq. 5.1–5.2, and 7.2).
+
+Colours, orientations, Gaussian pyramids, and the surround inhibition that the revised model
+applies to every scale by itself. Everything is float32, in the units of the image (0–255).
+
+Where the thesis is silent or wrong:
+1. Halving averages after a binomial blur, together the 6 taps (1 5 10 10 5 1)/32 of the
+   Saliency Toolbox. Its grid is centred, so an enlarged map lies exactly over the
+   finer one and a mirrored image has a mirrored pyramid; `cv2.pyrDown` drifts by half a
+   pixel per level, 15 pixels in all.
+2. Maps are enlarged bilinearly from level to level, which is linear in the maps and
+   costs a third of enlarging each to the full size.
+3. Yellow is min(r, g) − b (Itti et al. 1998) and not the printed r + g − 2(|r − g| + b),
+   which `yellow="printed"` gives.
+4. Orientations are the magnitudes of quadrature pairs of Gabor filters, period 7, σ 7/3,
+   9 × 9 taps, without response to constant light. 0° answers to horizontal lines, 45° to
+   lines that rise to the right, 90° to vertical ones.
+5. The surround's mean includes the centre; without it all differences would be
+   n²/(n² − 1) times as large, which N(·) undoes. Both polarities count (|x − mean|), since
+   of the printed max(0, x − mean) green, yellow and dark targets get no more than a halo;
+   `polarity="printed"` gives that.
+6. At borders images are mirrored, or every border would be an edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from functools import cache
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from .workspace import Workspace
+
+Polarity = Literal["both", "printed"]
+Yellow = Literal["itti", "printed"]
+
+ANGLES = (0, 45, 90, 135)  # degrees, counter-clockwise from horizontal
+GABOR_PERIOD, GABOR_SIGMA, GABOR_TAPS = 7.0, 7 / 3, 9
+_BINOMIAL = np.array([1, 4, 6, 4, 1], np.float32) / 16
+
+
+def planes(
+    image: np.ndarray,
+    wanted: Collection[str] = ("RG", "BY", "I"),
+    yellow: Yellow = "itti",
+    work: Workspace | None = None,
+) -> dict[str, np.ndarray]:
+    """What the pyramids are built of, `(H, W)` float32 each.
+
+    "I" is (r + g + b)/3, or a grey image itself; "RG" is R − G and "BY" is B − Y, with
+    R = r − (g + b)/2, G = g − (r + b)/2, B = b − (r + g)/2 and Y at least zero each.
+
+    Args:
+        image: `(H, W, 3)` uint8; `(H, W)` for "I" alone.
+    """
+    work = work or Workspace()
+    maps = {name: work.empty(image.shape[:2]) for name in wanted}
+    if image.ndim == 2:
+        for plane in maps.values():
+            np.copyto(plane, image)
+        return maps
+    # In whole numbers, doubled: 2R = (r − g) + (r − b) fits 16 bits and is exact.
+    r, g, b = cv2.split(image)
+    if "I" in maps:
+        total = cv2.add(cv2.add(r, g, dtype=cv2.CV_16S), b, dtype=cv2.CV_16S)
+        np.multiply(total, np.float32(1 / 3), out=maps["I"])
+    if "RG" in maps or "BY" in maps:
+        r_g, r_b, g_b = (cv2.subtract(x, y, dtype=cv2.CV_16S) for x, y in ((r, g), (r, b), (g, b)))
+    if "RG" in maps:
+        red, green = np.maximum(r_g + r_b, 0), np.maximum(g_b - r_g, 0)
+        np.multiply(red - green, np.float32(0.5), out=maps["RG"])
+    if "BY" in maps:
+        blue = np.maximum(-(r_b + g_b), 0)
+        if yellow == "itti":
+            half_yellow = cv2.subtract(cv2.min(r, g), b).astype(np.int16)  # uint8 stops at zero
+        else:
+            half_yellow = np.maximum(r_b + g_b - 2 * np.abs(r_g), 0)
+        np.multiply(blue - 2 * half_yellow, np.float32(0.5), out=maps["BY"])
+    return maps
+
+
+def gaussian_pyramid(image: np.ndarray, levels: int, work: Workspace | None = None) -> list[np.ndarray]:
+    """`image` `(H, W)` float32 and its successive halves; sides are rounded up and at least 1."""
+    work = work or Workspace()
+    pyramid = [image]
+    for shape in level_shapes(image.shape, levels)[1:]:
+        half = work.empty(shape)
+        with work.scope():
+            work.count(filter_taps=2 * len(_BINOMIAL) * pyramid[-1].size)
+            smooth = work.empty(pyramid[-1].shape)
+            cv2.sepFilter2D(pyramid[-1], -1, _BINOMIAL, _BINOMIAL, dst=smooth)
+        pyramid.append(cv2.resize(smooth, shape[::-1], dst=half, interpolation=cv2.INTER_LINEAR))
+    return pyramid
+
+
+def level_shapes(shape: Sequence[int], levels: int) -> list[tuple[int, int]]:
+    """`(H, W)` of each level of a pyramid."""
+    shapes = [(shape[0], shape[1])]
+    for _ in range(levels - 1):
+        shapes.append(((shapes[-1][0] + 1) // 2, (shapes[-1][1] + 1) // 2))
+    return shapes
+
+
+def enlarge(image: np.ndarray, shape: tuple[int, int], work: Workspace | None = None) -> np.ndarray:
+    """`image` interpolated bilinearly to `shape` (rows, columns); itself if it has that shape."""
+    if image.shape == shape:
+        return image
+    result = (work or Workspace()).empty(shape)
+    return cv2.resize(image, shape[::-1], dst=result, interpolation=cv2.INTER_LINEAR)
+
+
+def collapse(
+    maps: Mapping[int, np.ndarray],
+    weights: Sequence[float],
+    shape: Sequence[int],
+    work: Workspace | None = None,
+) -> np.ndarray:
+    """Σ_s weight_s · map_s at the size of level 0, enlarged level by level (eq. 5.3 before N).
+
+    Args:
+        maps: by level, only those that have a part in the sum; at least one.
+        weights: one for each level.
+        shape: rows and columns of level 0.
+
+    Returns:
+        A new map, none of `maps`.
+    """
+    work, coarsest = work or Workspace(), max(maps)
+    total = work.empty(maps[coarsest].shape)
+    np.multiply(maps[coarsest], np.float32(weights[coarsest]), out=total)
+    for level, finer in reversed(list(enumerate(level_shapes(shape, coarsest + 1)[:-1]))):
+        total = enlarge(total, finer, work)
+        if level in maps:
+            cv2.scaleAdd(maps[level], float(weights[level]), total, dst=total)
+    return total
+
+
+def orientations(
+    image: np.ndarray, angles: Collection[int] = ANGLES, work: Workspace | None = None
+) -> dict[int, np.ndarray]:
+    """Magnitude of the Gabor response of a `(H, W)` float32 image at each angle asked for.
+
+    A Gabor filter with a round envelope is a sum of products of filters along one axis, and
+    the two diagonals consist of the same products: 9 separable filters in all.
+    """
+    work, kernels = work or Workspace(), gabor_kernels()
+    maps = {angle: work.empty(image.shape) for angle in ANGLES if angle in angles}
+
+    def product(along_x: str, along_y: str, into: np.ndarray) -> np.ndarray:
+        work.count(filter_taps=2 * GABOR_TAPS * image.size)
+        return cv2.sepFilter2D(image, -1, kernels[along_x], kernels[along_y], dst=into)
+
+    with work.scope():
+        a, b, c = (work.empty(image.shape) for _ in range(3))
+        if 0 in maps:
+            cv2.magnitude(product("envelope", "even", a), product("envelope", "odd", b), maps[0])
+        if 90 in maps:
+            cv2.magnitude(product("even", "envelope", a), product("odd", "envelope", b), maps[90])
+        if 45 in maps or 135 in maps:
+            constant = product("envelope", "envelope", a)
+            even = cv2.scaleAdd(constant, -diagonal_offset(), product("even'", "even'", b), dst=b)
+            odd_odd = product("odd'", "odd'", a)
+            if 45 in maps:
+                cv2.subtract(even, odd_odd, dst=maps[45])
+            if 135 in maps:
+                cv2.add(even, odd_odd, dst=maps[135])
+            even_odd, odd_even = product("even'", "odd'", a), product("odd'", "even'", b)
+            if 45 in maps:
+                cv2.magnitude(maps[45], cv2.add(even_odd, odd_even, dst=c), maps[45])
+            if 135 in maps:
+                cv2.magnitude(maps[135], cv2.subtract(even_odd, odd_even, dst=c), maps[135])
+    return maps
+
+
+@cache
+def gabor_kernels() -> dict[str, np.ndarray]:
+    """The 9-tap filters along one axis of which Gabor filters are made; primes mark the diagonals'."""
+    places = np.arange(GABOR_TAPS) - GABOR_TAPS // 2
+    envelope = np.exp(-0.5 * (places / GABOR_SIGMA) ** 2)
+    envelope /= envelope.sum()
+    wave, diagonal = 2 * np.pi / GABOR_PERIOD, 2 * np.pi / GABOR_PERIOD / np.sqrt(2)
+    even = envelope * np.cos(wave * places)
+    kernels = {
+        "envelope": envelope,
+        "even": even - even.sum() * envelope,
+        "odd": envelope * np.sin(wave * places),
+        "even'": envelope * np.cos(diagonal * places),
+        "odd'": envelope * np.sin(diagonal * places),
+    }
+    return {name: kernel.astype(np.float32) for name, kernel in kernels.items()}
+
+
+@cache
+def diagonal_offset() -> float:
+    """How much of the envelope the even diagonal filters must lose to ignore constant light."""
+    return float(gabor_kernels()["even'"].sum() ** 2)
+
+
+def surround_inhibition(
+    image: np.ndarray, size: int, polarity: Polarity = "both", work: Workspace | None = None
+) -> np.ndarray:
+    """SI(·) of eq. 5.1: the difference between each pixel and the mean of the `size` × `size` box around it.
+
+    Args:
+        image: `(H, W)` float32.
+        size: odd.
+        polarity: "both" is |x − mean|; "printed" is max(0, x − mean).
+    """
+    work = work or Workspace()
+    work.count(filter_taps=2 * size * image.size, surround_inhibitions=1)
+    box, mean = np.full(size, 1 / size, np.float32), work.empty(image.shape)
+    cv2.sepFilter2D(image, -1, box, box, dst=mean)
+    if polarity == "both":
+        return cv2.absdiff(image, mean, dst=mean)
+    cv2.subtract(image, mean, dst=mean)
+    return cv2.threshold(mean, 0, 0, cv2.THRESH_TOZERO, dst=mean)[1]

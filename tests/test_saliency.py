@@ -1,0 +1,460 @@
+"""Saliency: every stage against direct computation, what is off is not computed, and targets pop out."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+from skimage import data
+
+from attn_tree.vision import pyramid
+from attn_tree.vision.competition import normalize
+from attn_tree.vision.retina import Retina, meter
+from attn_tree.vision.saliency import (
+    CHANNEL_OF,
+    CHANNELS,
+    COSTS,
+    DIMENSIONS,
+    Gains,
+    fixations,
+    saliency_map,
+    saliency_maps,
+    winner_take_all,
+)
+from baselines.spectral_residual import spectral_residual
+
+PHOTOGRAPH = np.ascontiguousarray(data.astronaut()[40:136, 150:278])  # 96 × 128
+rng = np.random.default_rng(0)
+WEIGHTS = rng.uniform(0.2, 6, 16) * (rng.random(16) < 0.7)
+WEIGHTS[[0, 3, 10]] = 1.5
+SOME = Gains.from_vector(WEIGHTS)
+
+
+# Direct computation: one obvious line after the other, in double precision --------------------
+
+
+def direct_planes(image: np.ndarray, yellow: str = "itti") -> dict[str, np.ndarray]:
+    if image.ndim == 2:
+        return {"I": image.astype(float)}
+    r, g, b = np.moveaxis(image.astype(float), 2, 0)
+    itti, printed = (r + g) / 2 - np.abs(r - g) / 2 - b, r + g - 2 * (np.abs(r - g) + b)
+    y = itti if yellow == "itti" else printed
+    red, green, blue, yel = (np.maximum(c, 0) for c in (r - (g + b) / 2, g - (r + b) / 2, b - (r + g) / 2, y))
+    return {"RG": red - green, "BY": blue - yel, "I": (r + g + b) / 3}
+
+
+def direct_halves(image: np.ndarray, levels: int) -> list[np.ndarray]:
+    taps = np.array([1, 5, 10, 10, 5, 1]) / 32
+    found = [image]
+    for _ in range(levels - 1):
+        fine = np.pad(found[-1], 2, mode="reflect")
+        windows = np.lib.stride_tricks.sliding_window_view(fine, (6, 6))[::2, ::2]
+        found.append(np.einsum("ijkl,k,l->ij", windows, taps, taps))
+    return found
+
+
+def direct_enlarged(image: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    for axis, n in enumerate(shape):
+        old = image.shape[axis]
+        at = (np.arange(n) + 0.5) * old / n - 0.5
+        image = np.apply_along_axis(
+            lambda line, at=at, old=old: np.interp(at, np.arange(old), line), axis, image
+        )
+    return image
+
+
+def direct_gabor(image: np.ndarray, angle: int) -> np.ndarray:
+    y, x = np.mgrid[-4:5, -4:5]
+    envelope = np.exp(-(x**2 + y**2) / (2 * (7 / 3) ** 2))
+    envelope /= envelope.sum()
+    across = np.deg2rad(angle + 90)  # the wave runs at a right angle to the line it answers to
+    phase = 2 * np.pi / 7 * (x * np.cos(across) - y * np.sin(across))  # y points down
+    even, odd = envelope * np.cos(phase), envelope * np.sin(phase)
+    even = even - even.sum() * envelope
+    return np.hypot(*(ndimage.correlate(image, kernel, mode="mirror") for kernel in (even, odd)))
+
+
+def direct_surround(image: np.ndarray, n: int, polarity: str = "both") -> np.ndarray:
+    padded = np.pad(image, n // 2, mode="reflect")
+    mean = np.lib.stride_tricks.sliding_window_view(padded, (n, n)).mean(axis=(2, 3))
+    return np.abs(image - mean) if polarity == "both" else np.maximum(0, image - mean)
+
+
+def direct_normalize(values: np.ndarray) -> np.ndarray:
+    if values.max() <= 1e-3:
+        return np.zeros_like(values, dtype=float)
+    m, side = values.astype(float) / values.max(), max(values.shape)
+    for _ in range(3):
+        near = ndimage.gaussian_filter(m, 0.02 * side, mode="reflect", truncate=8)
+        far = ndimage.gaussian_filter(m, 0.25 * side, mode="reflect", truncate=8)
+        m = np.maximum(0, m + 0.5**2 * near - 1.5**2 * far - 0.02 * m.max())
+    return m
+
+
+def direct_dimension(name: str, planes: dict[str, np.ndarray], levels: int) -> list[np.ndarray]:
+    found = direct_halves(planes[name if name in planes else "I"], levels)
+    return found if name in planes else [direct_gabor(level, int(name)) for level in found]
+
+
+def direct_revised(image: np.ndarray, gains: Gains) -> np.ndarray:
+    planes, shape = direct_planes(image), image.shape[:2]
+    conspicuity = {channel: np.zeros(shape) for channel in CHANNELS}
+    for name, weight in zip(DIMENSIONS, gains.dimensions, strict=True):
+        total = np.zeros(shape)
+        for scale, level in enumerate(direct_dimension(name, planes, 6)):
+            # Enlarged level by level, as documented.
+            larger = gains.scales[scale] * direct_surround(level, 7)
+            for finer in range(scale - 1, -1, -1):
+                larger = direct_enlarged(larger, (shape[0] >> finer, shape[1] >> finer))
+            total += larger
+        conspicuity[CHANNEL_OF[name]] += weight * direct_normalize(total)
+    parts = zip(gains.channels, conspicuity.values(), strict=True)
+    return sum(weight * direct_normalize(values) for weight, values in parts)
+
+
+def direct_basic(image: np.ndarray) -> np.ndarray:
+    planes = direct_planes(image)
+    conspicuity = dict.fromkeys(CHANNELS, 0.0)
+    for name in DIMENSIONS:
+        levels, total = direct_dimension(name, planes, 9), 0.0
+        for c in (2, 3, 4):
+            for s in (c + 3, c + 4):
+                difference = np.abs(levels[c] - direct_enlarged(levels[s], levels[c].shape))
+                step = 2 ** (4 - c)
+                blocks = direct_normalize(difference).reshape(levels[4].shape[0], step, -1, step)
+                total = total + blocks.mean(axis=(1, 3))
+        conspicuity[CHANNEL_OF[name]] = conspicuity[CHANNEL_OF[name]] + direct_normalize(total)
+    mean = sum(direct_normalize(values) for values in conspicuity.values()) / 3
+    return direct_enlarged(mean, image.shape[:2])
+
+
+# Stages --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("yellow", ["itti", "printed"])
+def test_planes(yellow: str) -> None:
+    found = pyramid.planes(PHOTOGRAPH, yellow=yellow)
+    for name, expected in direct_planes(PHOTOGRAPH, yellow).items():
+        np.testing.assert_allclose(found[name], expected, atol=1e-4, err_msg=name)
+
+
+def test_pyramid_and_its_way_back() -> None:
+    image = pyramid.planes(PHOTOGRAPH, ["I"])["I"]
+    levels = pyramid.gaussian_pyramid(image, 6)
+    for level, expected in zip(levels, direct_halves(image.astype(float), 6), strict=True):
+        np.testing.assert_allclose(level, expected, atol=1e-3)
+    back = pyramid.enlarge(levels[3], (24, 32))
+    np.testing.assert_allclose(back, direct_enlarged(levels[3], (24, 32)), atol=1e-3)
+
+
+@pytest.mark.parametrize("angle", pyramid.ANGLES)
+def test_orientation(angle: int) -> None:
+    image = pyramid.planes(PHOTOGRAPH, ["I"])["I"]
+    found = pyramid.orientations(image)[angle]
+    np.testing.assert_allclose(found, direct_gabor(image.astype(float), angle), atol=1e-3)
+    alone = pyramid.orientations(image, [angle])
+    assert list(alone) == [angle]
+    np.testing.assert_allclose(alone[angle], found, atol=1e-4)
+    line = np.zeros((41, 41), np.float32)
+    dx, dy = round(12 * np.cos(np.deg2rad(angle))), -round(12 * np.sin(np.deg2rad(angle)))
+    cv2.line(line, (20 - dx, 20 - dy), (20 + dx, 20 + dy), 255, 3)
+    answers = {a: values[20, 20] for a, values in pyramid.orientations(line).items()}
+    assert max(answers, key=lambda a: answers[a]) == angle
+
+
+@pytest.mark.parametrize("polarity", ["both", "printed"])
+@pytest.mark.parametrize("size", [5, 7])
+def test_surround_inhibition(size: int, polarity: str) -> None:
+    image = pyramid.planes(PHOTOGRAPH, ["RG"])["RG"]
+    expected = direct_surround(image.astype(float), size, polarity)
+    np.testing.assert_allclose(pyramid.surround_inhibition(image, size, polarity), expected, atol=1e-3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(height=st.integers(1, 300), width=st.integers(1, 300), seed=st.integers(0, 2**32 - 1))
+def test_competition(height: int, width: int, seed: int) -> None:
+    """Low rank, halving, odd and degenerate sides: within half a percent of direct filtering."""
+    generator = np.random.default_rng(seed)
+    values = (generator.random((height, width)) ** generator.integers(1, 12)).astype(np.float32) * 50
+    before = values.copy()
+    np.testing.assert_allclose(normalize(values), direct_normalize(values), atol=5e-3)
+    np.testing.assert_array_equal(values, before)
+
+
+def test_competition_keeps_one_peak_and_suppresses_many() -> None:
+    y, x = np.mgrid[:96, :128]
+    peaks = [
+        np.exp(-((x - a) ** 2 + (y - b) ** 2) / 18) for a in range(16, 128, 32) for b in range(16, 96, 32)
+    ]
+    one, many = (normalize(np.asarray(p, np.float32)).max() for p in (peaks[5], sum(peaks)))
+    assert one > 1 and many < 0.85 * one
+
+
+@pytest.mark.parametrize("gains", [Gains(), SOME], ids=["all", "some"])
+def test_revised_model(gains: Gains) -> None:
+    expected = direct_revised(PHOTOGRAPH, gains)
+    np.testing.assert_allclose(saliency_map(PHOTOGRAPH, gains), expected, atol=5e-3 * expected.max())
+
+
+def test_basic_model() -> None:
+    image = cv2.resize(data.astronaut(), (512, 256), interpolation=cv2.INTER_AREA)
+    expected = direct_basic(image)
+    np.testing.assert_allclose(saliency_map(image, model="basic"), expected, atol=5e-3 * expected.max())
+
+
+@pytest.mark.parametrize("model", ["revised", "basic"])
+def test_the_maps_on_the_way_add_up(model: str) -> None:
+    """Borrowed memory never shows: inspected maps equal those of the fast path, in any order and thread."""
+    other = np.ascontiguousarray(PHOTOGRAPH[::-1])
+    plain = [saliency_map(image, model=model) for image in (PHOTOGRAPH, other, PHOTOGRAPH)]
+    maps = saliency_maps(PHOTOGRAPH, model=model)
+    for again in (plain[0], plain[2]):
+        np.testing.assert_array_equal(maps.saliency, again)
+    with ThreadPoolExecutor(2) as pool:
+        for threaded, expected in zip(
+            pool.map(lambda image: saliency_map(image, model=model), [PHOTOGRAPH, other] * 4),
+            plain[:2] * 4,
+            strict=True,
+        ):
+            np.testing.assert_array_equal(threaded, expected)
+    assert set(maps.features) == set(DIMENSIONS) and set(maps.conspicuity) == set(CHANNELS)
+    orientation = normalize(sum(maps.features[name] for name in DIMENSIONS[3:]))
+    np.testing.assert_allclose(maps.conspicuity["O"], orientation, atol=1e-5)
+    assert len(maps.contrasts) == 42 and maps.cost == 52
+    arrays = [*maps.features.values(), *maps.conspicuity.values(), *maps.contrasts.values()]
+    assert not any(np.shares_memory(a, b) for i, a in enumerate(arrays) for b in arrays[:i])
+
+
+# What is off is not computed -----------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    on=st.lists(st.booleans(), min_size=16, max_size=16).filter(
+        lambda on: Gains.from_vector(np.array(on, float)).feasible
+    )
+)
+def test_what_is_off_is_not_computed(on: list[bool]) -> None:
+    """Every filter call is recorded: its taps are the ledger's, and only what is on is filtered."""
+    gains, calls = Gains.from_vector(np.array(on, float)), []
+    original = cv2.sepFilter2D
+
+    def recorded(image, depth, along_x, along_y, **kwargs):  # type: ignore[no-untyped-def]
+        calls.append((image.shape, len(along_x), (len(along_x) + len(along_y)) * image.size))
+        return original(image, depth, along_x, along_y, **kwargs)
+
+    with pytest.MonkeyPatch.context() as patch, meter() as cost:
+        patch.setattr(pyramid.cv2, "sepFilter2D", recorded)
+        maps = saliency_maps(PHOTOGRAPH, gains)
+    assert cost.operations["filter_taps"] == sum(taps for *_, taps in calls)
+    assert cost.operations["saliency_cost"] == maps.cost == gains.cost == np.dot(on, COSTS)
+    dimensions, scales = gains.active_dimensions, gains.active_scales
+    boxes = [shape for shape, taps, _ in calls if taps == 7]
+    shapes = pyramid.level_shapes(PHOTOGRAPH.shape, 6)
+    assert sorted(boxes) == sorted(shapes[s] for s in scales for _ in dimensions)
+    assert cost.operations["surround_inhibitions"] == len(dimensions) * len(scales)
+    filters = {"0": 2, "90": 2, "45": 5, "135": 5}
+    gabors = sum(filters[name] for name in dimensions if name in filters)
+    gabors -= 5 * ("45" in dimensions and "135" in dimensions)  # the diagonals share all of theirs
+    assert [shape for shape, taps, _ in calls if taps == 9].count(shapes[scales[0]]) == gabors
+    planes = {"I" if CHANNEL_OF[name] in "IO" else name for name in dimensions}
+    assert sum(taps == 5 for _, taps, _ in calls) == len(planes) * max(scales)
+    assert set(maps.features) == set(dimensions)
+
+
+def test_what_a_map_reads() -> None:
+    for resolution, values in ((1.0, 96 * 128), (0.5, 48 * 64), (0.25, 24 * 32)):
+        with meter() as cost:
+            retina = Retina(PHOTOGRAPH)
+            assert saliency_map(retina, resolution=resolution).size == values
+        assert (cost.selection, cost.recognition, cost.touched) == (values, 0, 96 * 128)
+        assert cost.operations["macs"] > 0 and len(cost.ledgers) == 1
+
+
+def test_gains() -> None:
+    assert sum(COSTS) == Gains().cost == 52
+    assert Gains((0, 1, 0), (0, 0, 1, 0, 0, 0, 0), (1, 0, 0, 1, 0, 0)).cost == 11  # experiment I
+    vector = np.linspace(0, 6, 16)
+    gains = Gains.from_vector(vector, alpha=1)
+    np.testing.assert_array_equal(gains.vector, np.where(vector > 1, vector, 0))
+    assert not Gains((0, 1, 0), (1, 1, 0, 1, 1, 1, 1)).feasible
+    assert not Gains(scales=(0,) * 6).feasible
+
+
+# Invariances ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", ["revised", "basic"])
+def test_invariances(model: str) -> None:
+    even = PHOTOGRAPH // 2 * 2
+    np.testing.assert_allclose(
+        saliency_map(even, model=model), saliency_map(even // 2, model=model), atol=2e-3
+    )
+    np.testing.assert_allclose(
+        saliency_map(even[:, ::-1], model=model), saliency_map(even, model=model)[:, ::-1], atol=2e-3
+    )
+
+
+# Targets -------------------------------------------------------------------------------------
+
+
+def search_array(kind: str, items: int = 12) -> tuple[np.ndarray, tuple[int, int]]:
+    """Bars on a grid, one of them different; the image and the place of the odd one."""
+    image, places = np.full((240, 320, 3), 128, np.uint8), []
+    for i in range(items):
+        places.append((40 + 80 * (i % 4), 40 + 80 * (i // 4)))
+    odd = places[6]
+    for x, y in places:
+        target = (x, y) == odd
+        tilted = kind == "orientation" and target
+        colour = {"colour": (40, 160, 40), "dark": (20, 20, 20)}.get(kind) if target else None
+        dx, dy = (14, 14) if tilted else (0, 20)
+        cv2.line(image, (x - dx, y - dy), (x + dx, y + dy), colour or (200, 60, 60), 6)
+    return image, odd
+
+
+@pytest.mark.parametrize("model", ["revised", "basic"])
+@pytest.mark.parametrize("kind", ["colour", "dark"])
+def test_the_odd_one_pops_out(kind: str, model: str) -> None:
+    image, target = search_array(kind)
+    place = saliency_maps(image, model=model).fixations(1, 30)[0]
+    assert np.hypot(*(place - target)) < 25
+
+
+@pytest.mark.parametrize("resolution", [0.5, 0.25])
+def test_places_are_in_pixels_of_the_image_at_any_resolution(resolution: float) -> None:
+    image, target = search_array("colour")
+    found = saliency_map(image, resolution=resolution)
+    place = fixations(found, 1, 30, size=(320, 240))[0]
+    assert np.hypot(*(place - target)) < 25
+
+
+def test_an_odd_orientation_wins_with_gains_or_with_more_competition() -> None:
+    """A tilted bar, while another draws attention by its colour."""
+    image, target = search_array("orientation")
+    cv2.line(image, (40, 20), (40, 60), (60, 200, 60), 6)  # as bright as the others
+
+    def found(gains: Gains, passes: int) -> bool:
+        place = saliency_maps(image, gains, passes=passes).fixations(1, 30)[0]
+        return bool(np.hypot(*(place - target)) < 25)
+
+    tilted = Gains(channels=(0, 0, 1), dimensions=(0, 0, 0, 0, 0, 0, 1))
+    assert not found(Gains(), 3) and found(tilted, 3)
+    image[20:61, 30:51] = 128
+    cv2.line(image, (40, 20), (40, 60), (200, 60, 60), 6)
+    assert found(Gains(channels=(0, 0, 1)), 8)
+
+
+def test_spectral_residual_finds_the_odd_one_in_a_glance() -> None:
+    image = np.full((240, 320, 3), 90, np.uint8)
+    image[150:166, 220:236] = 250
+    with meter() as cost:
+        found = spectral_residual(image)
+    assert cost.selection == 64 * 48 and found.shape == (240, 320)
+    assert np.hypot(*(fixations(found, 1, 30)[0] - (228, 158))) < 15
+
+
+# Fixations -----------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(0, 12), radius=st.floats(0, 9))
+def test_fixations_are_maxima_with_inhibition_of_return(seed: int, n: int, radius: float) -> None:
+    saliency = np.random.default_rng(seed).permutation(20 * 15).reshape(15, 20).astype(np.float32)
+    left, expected = saliency.copy(), []
+    y, x = np.mgrid[:15, :20]
+    while len(expected) < n and left.max() > 0:
+        row, column = np.unravel_index(left.argmax(), left.shape)
+        expected.append((column, row))
+        left[(x - column) ** 2 + (y - row) ** 2 <= radius**2] = 0
+    np.testing.assert_array_equal(fixations(saliency, n, radius), np.reshape(expected, (-1, 2)))
+
+
+def test_integrate_and_fire_agrees_while_inhibition_lasts_and_returns_when_it_fades() -> None:
+    saliency = normalize(np.random.default_rng(2).random((30, 40), np.float32) ** 8)
+    lasting, times = winner_take_all(saliency, 5, 4, recovery=1e9)
+    np.testing.assert_array_equal(lasting, fixations(saliency, 5, 4))
+    assert (np.diff(times) >= 1).all()
+    one_place = np.zeros((30, 40), np.float32)
+    one_place[10, 20] = 1
+    again, when = winner_take_all(one_place, 2, 4, recovery=100)
+    np.testing.assert_array_equal(again, [(20, 10), (20, 10)])
+    assert when[1] - when[0] > when[0]
+    np.testing.assert_array_equal(fixations(one_place, 1, 4, method="wta"), [(20, 10)])
+
+
+# Degenerate input ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", ["revised", "basic"])
+@pytest.mark.parametrize("shape", [(40, 56, 3), (40, 56), (1, 1, 3), (1, 1), (1, 640, 3), (3, 2, 3)])
+def test_an_image_without_contrast_has_no_salient_place(shape: tuple[int, ...], model: str) -> None:
+    found = saliency_map(np.full(shape, 201, np.uint8), model=model)
+    assert found.shape == shape[:2] and not found.any()
+    assert fixations(found, 3, 5).shape == (0, 2)
+
+
+def test_a_grey_image_is_a_colour_image_without_colour() -> None:
+    grey = PHOTOGRAPH[..., 1]
+    colour = np.repeat(grey[..., None], 3, axis=2)
+    np.testing.assert_allclose(saliency_map(grey), saliency_map(colour), atol=1e-4)
+    assert not saliency_map(grey, Gains(channels=(1, 0, 0))).any()
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((8, 8, 4), np.uint8),
+        np.zeros((8, 8, 3)),
+        np.full((8, 8, 3), np.nan),
+        np.zeros((8, 8), np.uint16),
+        np.zeros((0, 8, 3), np.uint8),
+    ],
+    ids=["RGBA", "float", "NaN", "16 bits", "empty"],
+)
+def test_other_images_are_refused_in_one_line(image: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="must be uint8") as caught:
+        saliency_map(image)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"gains": Gains(channels=(0, 0, 0))}, "all off"),
+        ({"gains": Gains(), "model": "basic"}, "cannot be biased"),
+        ({"model": "itti"}, "'revised' or 'basic'"),
+        ({"resolution": 0}, "resolution"),
+        ({"resolution": 2}, "resolution"),
+        ({"surround": 4}, "odd"),
+        ({"passes": 0}, "passes"),
+        ({"polarity": "none"}, "polarity"),
+        ({"yellow": "none"}, "yellow"),
+    ],
+)
+def test_mistakes_get_one_line(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        saliency_map(PHOTOGRAPH, **arguments)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "broken", [np.full((3, 3), np.nan), np.full((3, 3), -1.0), np.zeros((3, 3, 3)), np.zeros((0, 3))]
+)
+def test_maps_that_are_none_are_refused(broken: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="a saliency map must be"):
+        fixations(broken, 1, 1)
+
+
+def test_weights_that_are_none_are_refused() -> None:
+    with pytest.raises(ValueError, match="3 channels"):
+        Gains(channels=(1, 1))
+    with pytest.raises(ValueError, match="not negative"):
+        Gains(scales=(1, 1, 1, 1, 1, -1))
+    with pytest.raises(ValueError, match="16 weights"):
+        Gains.from_vector([1, 2, 3])
