@@ -9,13 +9,13 @@ from runs.studies.smoke import STUDY as SMOKE
 from runs.study import Study, Task
 
 _FOUR = "attn_tree/VisualGridworld-4x4-v0"
-_SMALL = {"tree": 60_000, "NatureDQN": 3_000, "network": 4_096, "control": 60_000, "Random": 2_048}
-_MEDIUM = {"tree": 200_000, "network": 6_144, "control": 200_000, "Random": 2_048}
+_SMALL = {"tree": 60_000, "NatureDQN": 2_000, "network": 3_072, "control": 60_000, "Random": 2_048}
+_MEDIUM = {"tree": 200_000, "network": 5_120, "control": 200_000, "Random": 2_048}
 _LARGE = {"tree": 4_000_000, "control": 600_000}
 
 _TREES = ["STree", "RLVC"]
 _CONTROLS = ["PixelTree", "ThumbnailQ", "TabularQ", "Random"]
-_NETWORKS = ["NaturePPO", "GlimpsePPO", "GlimpsePPO-random", "GlimpsePPO-glance"]
+_NETWORKS = ["NaturePPO", "GlimpsePPO", "GlimpsePPO-glance"]
 # maxEpisodes: the thesis gives 400 for the 10×10 maze and none for the others.
 _EPISODES = {size: {"episodes_per_phase": n} for size, n in {4: 50, 6: 100, 10: 400}.items()}
 
