@@ -16,17 +16,8 @@ from skimage import data
 from attn_tree.vision import pyramid
 from attn_tree.vision.competition import normalize
 from attn_tree.vision.retina import Retina, meter
-from attn_tree.vision.saliency import (
-    CHANNEL_OF,
-    CHANNELS,
-    COSTS,
-    DIMENSIONS,
-    Gains,
-    fixations,
-    saliency_map,
-    saliency_maps,
-    winner_take_all,
-)
+from attn_tree.vision.saliency import Gains, fixations, saliency_map, saliency_maps
+from attn_tree.vision.weights import CHANNEL_OF, CHANNELS, COSTS, DIMENSIONS
 from baselines.spectral_residual import spectral_residual
 
 PHOTOGRAPH = np.ascontiguousarray(data.astronaut()[40:136, 150:278])  # 96 × 128
@@ -277,16 +268,6 @@ def test_what_a_map_reads() -> None:
         assert cost.operations["macs"] > 0 and len(cost.ledgers) == 1
 
 
-def test_gains() -> None:
-    assert sum(COSTS) == Gains().cost == 52
-    assert Gains((0, 1, 0), (0, 0, 1, 0, 0, 0, 0), (1, 0, 0, 1, 0, 0)).cost == 11  # experiment I
-    vector = np.linspace(0, 6, 16)
-    gains = Gains.from_vector(vector, alpha=1)
-    np.testing.assert_array_equal(gains.vector, np.where(vector > 1, vector, 0))
-    assert not Gains((0, 1, 0), (1, 1, 0, 1, 1, 1, 1)).feasible
-    assert not Gains(scales=(0,) * 6).feasible
-
-
 # Invariances ---------------------------------------------------------------------------------
 
 
@@ -360,34 +341,6 @@ def test_spectral_residual_finds_the_odd_one_in_a_glance() -> None:
     assert np.hypot(*(fixations(found, 1, 30)[0] - (228, 158))) < 15
 
 
-# Fixations -----------------------------------------------------------------------------------
-
-
-@given(seed=st.integers(0, 2**32 - 1), n=st.integers(0, 12), radius=st.floats(0, 9))
-def test_fixations_are_maxima_with_inhibition_of_return(seed: int, n: int, radius: float) -> None:
-    saliency = np.random.default_rng(seed).permutation(20 * 15).reshape(15, 20).astype(np.float32)
-    left, expected = saliency.copy(), []
-    y, x = np.mgrid[:15, :20]
-    while len(expected) < n and left.max() > 0:
-        row, column = np.unravel_index(left.argmax(), left.shape)
-        expected.append((column, row))
-        left[(x - column) ** 2 + (y - row) ** 2 <= radius**2] = 0
-    np.testing.assert_array_equal(fixations(saliency, n, radius), np.reshape(expected, (-1, 2)))
-
-
-def test_integrate_and_fire_agrees_while_inhibition_lasts_and_returns_when_it_fades() -> None:
-    saliency = normalize(np.random.default_rng(2).random((30, 40), np.float32) ** 8)
-    lasting, times = winner_take_all(saliency, 5, 4, recovery=1e9)
-    np.testing.assert_array_equal(lasting, fixations(saliency, 5, 4))
-    assert (np.diff(times) >= 1).all()
-    one_place = np.zeros((30, 40), np.float32)
-    one_place[10, 20] = 1
-    again, when = winner_take_all(one_place, 2, 4, recovery=100)
-    np.testing.assert_array_equal(again, [(20, 10), (20, 10)])
-    assert when[1] - when[0] > when[0]
-    np.testing.assert_array_equal(fixations(one_place, 1, 4, method="wta"), [(20, 10)])
-
-
 # Degenerate input ----------------------------------------------------------------------------
 
 
@@ -441,20 +394,3 @@ def test_mistakes_get_one_line(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
         saliency_map(PHOTOGRAPH, **arguments)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "broken", [np.full((3, 3), np.nan), np.full((3, 3), -1.0), np.zeros((3, 3, 3)), np.zeros((0, 3))]
-)
-def test_maps_that_are_none_are_refused(broken: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="a saliency map must be"):
-        fixations(broken, 1, 1)
-
-
-def test_weights_that_are_none_are_refused() -> None:
-    with pytest.raises(ValueError, match="3 channels"):
-        Gains(channels=(1, 1))
-    with pytest.raises(ValueError, match="not negative"):
-        Gains(scales=(1, 1, 1, 1, 1, -1))
-    with pytest.raises(ValueError, match="16 weights"):
-        Gains.from_vector([1, 2, 3])

@@ -32,7 +32,7 @@ PASSES = 3
 EXCITATION, INHIBITION = 0.5**2, 1.5**2
 EXCITATION_WIDTH, INHIBITION_WIDTH = 0.02, 0.25  # standard deviations as shares of the larger side
 GLOBAL_INHIBITION = 0.02  # share of the maximum
-_TOLERANCE = 1e-2  # cosines of which less is left are dropped
+_TOLERANCE = 2e-2  # cosines of which less is left are dropped
 _ONE_THREAD = 1_000_000  # multiply–accumulates
 _COARSEST = 2.9  # least standard deviation of the excitation, in coarse pixels
 

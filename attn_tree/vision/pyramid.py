@@ -24,7 +24,7 @@ Where the thesis is silent or wrong:
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Literal
 
@@ -61,24 +61,52 @@ def planes(
         for plane in maps.values():
             np.copyto(plane, image)
         return maps
-    # In whole numbers, doubled: 2R = (r − g) + (r − b) fits 16 bits and is exact.
-    r, g, b = cv2.split(image)
-    if "I" in maps:
-        total = cv2.add(cv2.add(r, g, dtype=cv2.CV_16S), b, dtype=cv2.CV_16S)
-        np.multiply(total, np.float32(1 / 3), out=maps["I"])
-    if "RG" in maps or "BY" in maps:
-        r_g, r_b, g_b = (cv2.subtract(x, y, dtype=cv2.CV_16S) for x, y in ((r, g), (r, b), (g, b)))
-    if "RG" in maps:
-        red, green = np.maximum(r_g + r_b, 0), np.maximum(g_b - r_g, 0)
-        np.multiply(red - green, np.float32(0.5), out=maps["RG"])
-    if "BY" in maps:
-        blue = np.maximum(-(r_b + g_b), 0)
-        if yellow == "itti":
-            half_yellow = cv2.subtract(cv2.min(r, g), b).astype(np.int16)  # uint8 stops at zero
-        else:
-            half_yellow = np.maximum(r_b + g_b - 2 * np.abs(r_g), 0)
-        np.multiply(blue - 2 * half_yellow, np.float32(0.5), out=maps["BY"])
+    with work.scope():
+        # In whole numbers, doubled, which fits 16 bits and is exact: 2R = (r − g) + (r − b). The
+        # arrays lent have the bytes of two arrays of 16 bits, and of four of 8.
+        split = list(_views(image.shape[:2], np.uint8, 1, work))[:3]
+        cv2.split(image, split)
+        r, g, b, r_g, b_r, b_g, x, y = _views(image.shape[:2], np.int16, 4, work)
+        for wide, narrow in zip((r, g, b), split, strict=True):
+            np.copyto(wide, narrow)
+        if "I" in maps:
+            _scaled(cv2.add(cv2.add(r, g, dst=x), b, dst=x), 1 / 3, maps["I"])
+        if "RG" in maps or "BY" in maps:
+            for difference, plus, minus in ((r_g, r, g), (b_r, b, r), (b_g, b, g)):
+                cv2.subtract(plus, minus, dst=difference)
+        if "RG" in maps:
+            _clipped(cv2.subtract(r_g, b_r, dst=x), cv2.THRESH_TOZERO)  # 2R
+            _clipped(cv2.add(r_g, b_g, dst=y), cv2.THRESH_TRUNC)  # −2G
+            _scaled(cv2.add(x, y, dst=x), 0.5, maps["RG"])
+        if "BY" in maps:
+            cv2.add(b_r, b_g, dst=x)
+            if yellow == "itti":
+                cv2.max(b_r, b_g, dst=y)
+            else:
+                cv2.absdiff(r, g, dst=y)
+                cv2.add(cv2.add(y, y, dst=y), x, dst=y)
+            _clipped(y, cv2.THRESH_TRUNC)  # −Y
+            _clipped(x, cv2.THRESH_TOZERO)  # 2B
+            _scaled(cv2.add(cv2.add(y, y, dst=y), x, dst=x), 0.5, maps["BY"])
     return maps
+
+
+def _views(shape: tuple[int, ...], dtype: type, arrays: int, work: Workspace) -> Iterator[np.ndarray]:
+    """Arrays of a smaller type in the memory of `arrays` lent ones."""
+    per_array = 4 // np.dtype(dtype).itemsize
+    for _ in range(arrays):
+        yield from work.empty((shape[0], shape[1])).view(dtype).reshape(per_array, *shape)
+
+
+def _clipped(values: np.ndarray, side: int) -> None:
+    """No less than 0 (`THRESH_TOZERO`) or no more than 0 (`THRESH_TRUNC`), in place."""
+    cv2.threshold(values, 0, 0, side, dst=values)
+
+
+def _scaled(whole: np.ndarray, factor: float, into: np.ndarray) -> None:
+    """into ← factor · whole; two steps, since converting and multiplying at once is slower."""
+    np.copyto(into, whole)
+    into *= np.float32(factor)
 
 
 def gaussian_pyramid(image: np.ndarray, levels: int, work: Workspace | None = None) -> list[np.ndarray]:

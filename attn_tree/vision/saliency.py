@@ -35,7 +35,7 @@ import cv2
 import numpy as np
 
 from .competition import PASSES, difference_of_gaussians, normalize
-from .fixations import fixations, winner_take_all
+from .fixations import fixations
 from .pyramid import (
     Polarity,
     Yellow,
@@ -48,21 +48,10 @@ from .pyramid import (
     surround_inhibition,
 )
 from .retina import Retina
-from .weights import CHANNEL_OF, CHANNELS, COSTS, DIMENSIONS, SCALES, Gains
+from .weights import CHANNEL_OF, CHANNELS, DIMENSIONS, Gains
 from .workspace import Workspace, aligned, reused
 
-__all__ = [
-    "CHANNELS",
-    "COSTS",
-    "DIMENSIONS",
-    "SCALES",
-    "Gains",
-    "SaliencyMaps",
-    "fixations",
-    "saliency_map",
-    "saliency_maps",
-    "winner_take_all",
-]
+__all__ = ["Gains", "SaliencyMaps", "fixations", "saliency_map", "saliency_maps"]
 
 Model = Literal["revised", "basic"]
 Contrasts = dict[tuple, np.ndarray]
@@ -203,14 +192,16 @@ def _compute(
         pyramids = _pyramids(seen, active, levels, formulas.yellow, work)
         sums: dict[str, np.ndarray] = {}
         for names in _computed_together(active):
-            total = sums.setdefault(CHANNEL_OF[names[0]], work.zeros(map_shape))
+            channel = CHANNEL_OF[names[0]]
+            if channel not in sums:
+                sums[channel] = work.zeros(map_shape)
             with work.scope():
                 if model == "revised":
                     contrasts, features = _revised(names, pyramids, gains, formulas, work)
                 else:
                     contrasts, features = _basic(names, pyramids, map_shape, formulas.passes, work)
                 for name, feature in features.items():
-                    cv2.scaleAdd(feature, weights[name], total, dst=total)
+                    cv2.scaleAdd(feature, weights[name], sums[channel], dst=sums[channel])
                 if keep:
                     result.contrasts.update(contrasts)
                     result.features.update(features)
@@ -219,7 +210,7 @@ def _compute(
             whole = enlarge(conspicuity, shape, work)
             # The basic model gives each of its channels a third (7.2).
             weight = channel_weights[channel] if model == "revised" else 1 / len(CHANNELS)
-            cv2.scaleAdd(whole, weight, result.saliency, dst=result.saliency)
+            cv2.scaleAdd(whole, weight, saliency, dst=saliency)
             if keep:
                 result.conspicuity[channel] = conspicuity
     return result
