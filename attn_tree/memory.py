@@ -103,6 +103,8 @@ class Memory:
             np.asarray(arrays[name], dtype) for name, dtype in zip(_FIELDS, _DTYPES, strict=True)
         ]
         counts, ago = np.asarray(arrays["counts"], np.int64), np.asarray(arrays["last_met"], np.int64)
+        if any(arrays[name].dtype.kind == "f" for name in _FIELDS if name != "rewards"):
+            raise ValueError("a memory's percepts, actions and ends are no whole numbers")
         if len({len(column) for column in (*columns, counts, ago)}) != 1:
             raise ValueError("the columns of a memory must be of one length")
         self.transitions, self.counts = Transitions(*columns), counts

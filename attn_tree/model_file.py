@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.utils import check_for_correct_spaces
 
@@ -49,6 +50,9 @@ def load_learner(
     meta, arrays = read_archive(_with_suffix(path))
     if meta.get("class") != kind.__name__:
         raise ArchiveError(f"{path}: holds a {meta.get('class')!r}; expected {kind.__name__}")
+    for name, array in arrays.items():
+        if array.dtype.kind not in "biufU" or (array.dtype.kind == "f" and not np.isfinite(array).all()):
+            raise ArchiveError(f"{path}: array {name!r} holds what is no finite number; save the model again")
     try:
         model = kind(env, **{**meta["settings"], **settings}, _init_setup_model=False)
         seen, acts = space_from_json(meta["observation_space"]), space_from_json(meta["action_space"])

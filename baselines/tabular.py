@@ -18,6 +18,7 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback
 
+from attn_tree.percepts import as_image
 from attn_tree.q_learning import TableLearner
 from attn_tree.rates import Rate
 from attn_tree.vision.retina import Retina, metering
@@ -115,7 +116,7 @@ class ThumbnailQ(TableLearner):
         return rows
 
     def _row(self, image: np.ndarray) -> int:
-        retina = Retina(image)
+        retina = Retina(as_image(image))
         thumbnail = self._thumbnail(retina)
         row = self._row_of.get(thumbnail)
         if row is not None:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from envs.objects import object_views
 from envs.photographs import photograph_views
@@ -228,7 +229,13 @@ def _natural(text: str) -> list[tuple[int, int, str]]:
 
 
 def _read(file: Path) -> np.ndarray:
-    image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    try:
+        # OpenCV takes a file cut short for an image with a grey rest; Pillow refuses it.
+        with Image.open(file) as whole:
+            whole.load()
+        image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        image = None
     if image is None:
         raise ValueError(f"{file} cannot be read as an image: repair or remove it")
     return image[:, :, ::-1]

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import tyro
 
 OURS = ("attn_tree", "baselines", "envs")
@@ -81,7 +82,17 @@ def mistakes(doing: str = "") -> Iterator[None]:
     """Errors that our own checks raise inside are the user's to put right (a bad path, name or setting)."""
     try:
         yield
-    except (ValueError, TypeError, KeyError, AttributeError, ImportError, OSError) as error:
+    except MemoryError as error:
+        raise UserMistake(f"{doing}more memory is asked for than there is: {one_line(error)}") from error
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+        ImportError,
+        OSError,
+        gymnasium.error.Error,
+    ) as error:
         if isinstance(error, OSError) and error.filename and error.strerror:
             raise UserMistake(f"{doing}{error.filename}: {error.strerror}") from error
         raise UserMistake(f"{doing}{one_line(error)}") from error
@@ -107,7 +118,7 @@ def known(kind: str, name: str, names: Iterable[str]) -> str:
         return by_lower[name.lower()]
     near = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
     hint = f"did you mean '{by_lower[near[0]]}'? " if near else ""
-    raise UserMistake(f"unknown {kind} '{name}': {hint}(known: {', '.join(names)})")
+    raise UserMistake(f"unknown {kind} '{name}'; {hint}known: {', '.join(names)}")
 
 
 def settings_from(pairs: Iterable[str]) -> dict[str, Any]:

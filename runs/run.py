@@ -110,7 +110,22 @@ def command_line() -> str:
 
 
 def is_ours(env: str) -> bool:
+    """Whether an id is of our namespace."""
     return "attn_tree/" in env
+
+
+def full_id(env: str) -> str:
+    """An id as it is registered: `envs:` dropped, `attn_tree/` put before a short id of ours.
+
+    Raises:
+        UserMistake: the id is of our namespace but not registered.
+    """
+    from envs import REGISTERED
+
+    name = env.removeprefix("envs:")
+    if f"attn_tree/{name}" in REGISTERED:
+        return f"attn_tree/{name}"
+    return cli.known("environment", name, REGISTERED) if is_ours(name) else env
 
 
 def _env_settings(cell: Cell) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import tyro
 
 from runs import cli, record
 from runs.methods import METHODS
-from runs.run import RESULT, is_ours, measure, train
+from runs.run import RESULT, full_id, measure, train
 from runs.study import Cell
 
 
@@ -43,15 +43,13 @@ def main(
         set: settings of the method, key=value.
         env_set: settings of the environment, key=value.
     """
-    from envs import REGISTERED
-
     name = cli.known("method", method, METHODS)
     if steps < 1:
         raise cli.UserMistake(f"--steps is {steps}; expected at least 1")
     cell = Cell(
         study="train",
         method=name,
-        env=cli.known("environment", env.removeprefix("envs:"), REGISTERED) if is_ours(env) else env,
+        env=full_id(env),
         variant="default",
         seed=seed,
         bank_seed=1000 + seed if bank_seed is None else bank_seed,

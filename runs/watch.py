@@ -26,7 +26,7 @@ from runs.costs import decide
 from runs.drawing import BLACK, WHITE, gaze_on
 from runs.evaluation import exchanged_bank
 from runs.methods import METHODS
-from runs.run import is_ours, make_env
+from runs.run import full_id, is_ours, make_env
 
 VIEW = 384  # width of the camera's picture, pixels, beside a scene that shows none
 FORMATS = (".mp4", ".gif")
@@ -168,9 +168,7 @@ def main(
         origin = models.read_origin(model)
     if env is None and origin.env not in REGISTERED:  # making it may import what the file names
         raise cli.UserMistake(f"{model}: was trained in {origin.env!r}, none of ours; name it with --env")
-    name = env or origin.env
-    if is_ours(name):
-        name = cli.known("environment", name.removeprefix("envs:"), REGISTERED)
+    name = full_id(env or origin.env)
     settings = {**origin.env_settings, **cli.settings_from(env_set), "render_mode": "rgb_array"}
     method = METHODS[origin.method]
     with cli.mistakes():
