@@ -169,13 +169,13 @@ def test_surround_inhibition(size: int, polarity: str) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(height=st.integers(1, 300), width=st.integers(1, 300), seed=st.integers(0, 2**32 - 1))
-@example(height=1, width=300, seed=657235)  # the worst found: 0.51% of the range
+@example(height=1, width=300, seed=657235)  # one row: the hardest found
 def test_competition(height: int, width: int, seed: int) -> None:
-    """Low rank, halving, odd and degenerate sides: within one percent of direct filtering."""
+    """Low rank, halving, odd and degenerate sides: within half a percent of direct filtering."""
     generator = np.random.default_rng(seed)
     values = (generator.random((height, width)) ** generator.integers(1, 12)).astype(np.float32) * 50
     before = values.copy()
-    np.testing.assert_allclose(normalize(values), direct_normalize(values), atol=1e-2)
+    np.testing.assert_allclose(normalize(values), direct_normalize(values), atol=5e-3)
     np.testing.assert_array_equal(values, before)
 
 

@@ -34,6 +34,7 @@ EXCITATION_WIDTH, INHIBITION_WIDTH = 0.02, 0.25  # standard deviations as shares
 GLOBAL_INHIBITION = 0.02  # share of the maximum
 _TOLERANCE = 2e-2  # cosines of which less is left are dropped
 _ONE_THREAD = 1_000_000  # multiply–accumulates
+_THIN = 16  # sides, pixels, below which a map is not halved
 _COARSEST = 2.9  # least standard deviation of the excitation, in coarse pixels
 
 
@@ -81,7 +82,8 @@ class DifferenceOfGaussians:
     def __init__(self, shape: tuple[int, int]) -> None:
         self.shape = shape
         sigmas = EXCITATION_WIDTH * max(shape), INHIBITION_WIDTH * max(shape)
-        self._halvings = max(int(np.log2(sigmas[0] / _COARSEST)), 0)
+        # A thin map saves nothing by halving, and has no second axis to average its error over.
+        self._halvings = max(int(np.log2(sigmas[0] / _COARSEST)), 0) if min(shape) >= _THIN else 0
         (up, down, vertical), (across, along, horizontal) = (
             _cosines(n, self._halvings, sigmas) for n in shape
         )
