@@ -77,6 +77,51 @@ def test_meters_nest_and_end() -> None:
     assert (outer.processed, inner.processed) == (64 * 48, 16)
 
 
+@given(
+    columns=st.lists(st.integers(0, 64), min_size=2, max_size=2, unique=True),
+    rows=st.lists(st.integers(0, 48), min_size=2, max_size=2, unique=True),
+    looks=st.lists(
+        st.tuples(st.integers(-10, 70), st.integers(-10, 60), st.integers(1, 60)), min_size=1, max_size=4
+    ),
+    nested=st.booleans(),
+)
+def test_a_region_reads_as_the_cropped_image_does_and_enters_native_pixels(
+    columns: list[int], rows: list[int], looks: list[tuple[int, int, int]], nested: bool
+) -> None:
+    """Every pixel carries its own coordinates, so what was seen says what was touched."""
+    (left, right), (top, bottom) = sorted(columns), sorted(rows)
+    image = np.dstack([*np.indices((48, 64)), np.zeros((48, 64))]).astype(np.uint8)
+    crop, seen = image[top:bottom, left:right], []
+    with meter() as cost:
+        part = retina = Retina(image)
+        if nested:
+            part = part.region(left, 0, 64, bottom).region(0, top, right - left, bottom)
+        else:
+            part = part.region(left, top, right, bottom)
+    assert not cost.processed
+    other = Retina(crop)
+    for x, y, size in looks:
+        seen.append(part.window((x, y), size))
+        np.testing.assert_array_equal(seen[-1], other.window((x, y), size))
+    assert cost.recognition == sum(patch[..., 0].size for patch in seen)
+    assert cost.touched == len({tuple(pixel) for patch in seen for pixel in patch.reshape(-1, 3).tolist()})
+    np.testing.assert_array_equal(part.glance(5), other.glance(5))
+    np.testing.assert_array_equal(part.whole("selection"), crop)
+    assert (cost.selection, cost.touched) == (25 + crop[..., 0].size, crop[..., 0].size)
+    assert len(cost.ledgers) == 1 and cost.fraction == cost.processed / (64 * 48)
+    part.count(macs=3)
+    assert retina.ledger.operations["macs"] == 3
+
+
+@pytest.mark.parametrize(
+    "bounds", [(5, 5, 5, 9), (9, 5, 5, 9), (-1, 0, 5, 5), (0, 0, 65, 5), (0, 40, 5, 49), (0, 0, 4.5, 5)]
+)
+def test_a_region_that_is_empty_or_outside_is_refused_in_one_line(bounds: tuple[int, int, int, int]) -> None:
+    with pytest.raises(ValueError, match="a region of an image of 64 × 48") as error:
+        Retina(_image()).region(*bounds)
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize(
     "bad", [np.zeros((4, 4)), np.zeros((0, 4, 3), np.uint8), np.zeros((4, 4, 4), np.uint8)]
 )

@@ -172,7 +172,7 @@ class Retina:
         ValueError: the image is not uint8, not 2-D or 3-channel, or empty.
     """
 
-    __slots__ = ("_image", "computed", "ledger")
+    __slots__ = ("_corner", "_image", "computed", "ledger")
 
     def __init__(self, image: np.ndarray) -> None:
         image = np.asarray(image)
@@ -182,18 +182,45 @@ class Retina:
                 f"an image must be uint8 with shape (H, W, 3) or (H, W), not {image.dtype} {image.shape}"
             )
         self._image = image
+        self._corner = 0, 0  # left, top: where in the native image this one begins
         self.ledger = _open_ledger(image.shape[1], image.shape[0])
         self.computed: dict[Hashable, Any] = {}
 
     @property
     def width(self) -> int:
-        """Columns of the native image."""
+        """Columns of the image, or of the region that this retina looks at."""
         return self._image.shape[1]
 
     @property
     def height(self) -> int:
-        """Rows of the native image."""
+        """Rows of the image, or of the region that this retina looks at."""
         return self._image.shape[0]
+
+    def region(self, left: int, top: int, right: int, bottom: int) -> Retina:
+        """A retina on a rectangle of this image, as if the rest were not there.
+
+        Whatever takes a retina then works within the rectangle, in the rectangle's coordinates.
+        Readings are entered in *this* retina's ledger, at native coordinates; making a region reads
+        nothing. What is `computed` in a region is its own.
+
+        Args:
+            left, top, right, bottom: pixels, right and bottom exclusive.
+
+        Raises:
+            ValueError: the rectangle is empty, not within the image, or not of whole pixels.
+        """
+        bounds = left, top, right, bottom
+        whole = all(isinstance(bound, (int, np.integer)) for bound in bounds)
+        if not (whole and 0 <= left < right <= self.width and 0 <= top < bottom <= self.height):
+            raise ValueError(
+                f"a region of an image of {self.width} × {self.height} needs whole left < right and "
+                f"top < bottom within it, not left, top, right, bottom = {', '.join(map(str, bounds))}"
+            )
+        part = object.__new__(Retina)
+        part._image = self._image[top:bottom, left:right]
+        part._corner = self._corner[0] + int(left), self._corner[1] + int(top)
+        part.ledger, part.computed = self.ledger, {}
+        return part
 
     def window(
         self, center: tuple[float, float], size: int, stage: Stage = "recognition", stride: int = 1
@@ -205,12 +232,12 @@ class Retina:
         """
         left, top, right, bottom = _place(center, size, self.width, self.height)
         patch = self._image[top:bottom:stride, left:right:stride]
-        self.ledger.enter(left, top, right, bottom, patch.shape[0] * patch.shape[1], stage)
+        self._enter(left, top, right, bottom, patch.shape[0] * patch.shape[1], stage)
         return patch
 
     def whole(self, stage: Stage = "recognition") -> np.ndarray:
         """The whole image."""
-        self.ledger.enter(0, 0, self.width, self.height, self.width * self.height, stage)
+        self._enter(0, 0, self.width, self.height, self.width * self.height, stage)
         return self._image
 
     def glance(self, size: int | tuple[int, int], stage: Stage = "selection") -> np.ndarray:
@@ -219,12 +246,17 @@ class Retina:
         Touches every pixel, takes in as many values as it returns.
         """
         width, height = (size, size) if isinstance(size, int) else size
-        self.ledger.enter(0, 0, self.width, self.height, width * height, stage)
+        self._enter(0, 0, self.width, self.height, width * height, stage)
         return cv2.resize(self._image, (width, height), interpolation=cv2.INTER_AREA)
 
     def count(self, **operations: int) -> None:
         """Add work done, by name (`filter_taps=…`)."""
         self.ledger.operations.update(operations)
+
+    def _enter(self, left: int, top: int, right: int, bottom: int, values: int, stage: Stage) -> None:
+        """Enter a reading at native coordinates."""
+        x, y = self._corner
+        self.ledger.enter(left + x, top + y, right + x, bottom + y, values, stage)
 
 
 class TensorRetina:
