@@ -4,11 +4,19 @@ from baselines.bank_extractor import BankExtractor
 from baselines.glimpse import GlimpseExtractor, GlimpseLogger, GlimpsePPO
 from baselines.macs import count_macs
 from baselines.nature_cnn import NatureDQN, NatureExtractor, NaturePPO
+from baselines.nvt import NVT, learn_nvt
 from baselines.pixel_tree import PixelTree
+from baselines.proto_object import ProtoObject, proto_object
 from baselines.random_agent import RandomAgent
+from baselines.rival import Rival
+from baselines.spectral_residual import spectral_residual
 from baselines.tabular import TabularQ, ThumbnailQ
+from baselines.template import TemplateMatcher, learn_template
+from baselines.vocus import VOCUS, learn_vocus
 
 __all__ = [
+    "NVT",
+    "VOCUS",
     "BankExtractor",
     "GlimpseExtractor",
     "GlimpseLogger",
@@ -17,8 +25,16 @@ __all__ = [
     "NatureExtractor",
     "NaturePPO",
     "PixelTree",
+    "ProtoObject",
     "RandomAgent",
+    "Rival",
     "TabularQ",
+    "TemplateMatcher",
     "ThumbnailQ",
     "count_macs",
+    "learn_nvt",
+    "learn_template",
+    "learn_vocus",
+    "proto_object",
+    "spectral_residual",
 ]
