@@ -77,15 +77,18 @@ class DifferenceOfGaussians:
     Attributes:
         shape: `(H, W)` of the maps.
         macs: multiply–accumulates of one convolution.
+        halvings: how often a map is halved first.
+        factors: down `(r, h')`, along `(w', s)`, response `(r, s)`, up `(h, r)`, across `(s, w)`; the
+            convolution of a map halved to `(h', w')` is up · (down · map · along ⊙ response) · across.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.shape = shape
         sigmas = EXCITATION_WIDTH * max(shape), INHIBITION_WIDTH * max(shape)
         # A thin map saves nothing by halving, and has no second axis to average its error over.
-        self._halvings = max(int(np.log2(sigmas[0] / _COARSEST)), 0) if min(shape) >= _THIN else 0
+        self.halvings = max(int(np.log2(sigmas[0] / _COARSEST)), 0) if min(shape) >= _THIN else 0
         (up, down, vertical), (across, along, horizontal) = (
-            _cosines(n, self._halvings, sigmas) for n in shape
+            _cosines(n, self.halvings, sigmas) for n in shape
         )
         excitation, inhibition = (np.outer(v, h) for v, h in zip(vertical, horizontal, strict=True))
         self._response = (EXCITATION * excitation - INHIBITION * inhibition).astype(np.float32)
@@ -97,11 +100,17 @@ class DifferenceOfGaussians:
         self.macs = r * coarse_h * coarse_w + r * coarse_w * s + r * s * shape[1]
         self.macs += (r + 1) * shape[0] * shape[1]
 
+    @property
+    def factors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The small matrices, float32, for who convolves many maps at once."""
+        up = np.ascontiguousarray(self._up[:, :-1])
+        return self._down, self._along, self._response, up, self._across
+
     def add_to(self, values: np.ndarray, constant: float = 0.0, scale: float = 1.0) -> None:
         """values ← scale · (values + their convolution + constant), `(H, W)` float32, in place."""
         coarse = values
-        for _ in range(self._halvings):
-            coarse = _halve(coarse)
+        for _ in range(self.halvings):
+            coarse = halve(coarse)
         amplitudes = _product(_product(self._down, coarse), self._along)
         amplitudes *= self._response
         rows = aligned((self._up.shape[1], values.shape[1]))
@@ -172,7 +181,7 @@ def _averaging(n: int) -> np.ndarray:
     return means
 
 
-def _halve(values: np.ndarray) -> np.ndarray:
+def halve(values: np.ndarray) -> np.ndarray:
     """`_averaging` along both axes; fast for odd sides too, where resizing to the nearest size is not."""
     rows, columns = values.shape
     h, w = rows // 2, columns // 2

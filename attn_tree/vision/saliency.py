@@ -58,7 +58,7 @@ Contrasts = dict[tuple, np.ndarray]
 
 _BASIC_PAIRS = tuple((c, c + delta) for c in (2, 3, 4) for delta in (3, 4))
 _BASIC_SCALE = 4  # at which the basic model adds its maps
-_ROUNDING = 1e-3  # grey levels; a difference below this is no difference
+ROUNDING = 1e-3  # grey levels; a difference below this is no difference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,7 +267,7 @@ def _revised(
     for scale in gains.active_scales:
         for name, image in _level(names, pyramids, scale, work).items():
             contrasts[name, scale] = surround_inhibition(image, formulas.surround, formulas.polarity, work)
-    features, least = {}, _ROUNDING * max(gains.scales)
+    features, least = {}, ROUNDING * max(gains.scales)
     for name in names:
         maps = {scale: contrasts[name, scale] for scale in gains.active_scales}
         finest = next(iter(pyramids.values()))[0]
@@ -297,7 +297,7 @@ def _basic(
                 cv2.absdiff(fine, enlarge(maps[surround][name], fine.shape, work), dst=difference)
                 contrasts[name, center, surround] = difference
                 np.copyto(feature, difference)
-                _compete(feature, passes, work, _ROUNDING)
+                _compete(feature, passes, work, ROUNDING)
                 total += cv2.resize(feature, shape[::-1], interpolation=cv2.INTER_AREA)
         features[name] = _compete(total, passes, work)
     return contrasts, features

@@ -1,0 +1,295 @@
+"""Top-down gains learned from tagged images (thesis 5.3.2): what to weigh when looking for an object.
+
+`learn_gains` searches the 16 weights of the revised saliency model with CLPSO so that the most salient place
+falls on the target, over M training images:
+
+    objective "distance", eq. 5.9    f(ω) = mean_i ‖fixation_i − target_i‖
+    objective "cost", eq. 5.8        f(ω) = (mean_i ‖fixation_i − target_i‖ + 1 px) · (u(ω) · C̄)
+    limit=Q with either, eq. 5.10    weights that cost more than Q are infeasible
+
+Weights not above α = 1 are off: what they stand for is neither computed nor paid for.
+
+>>> learned = learn_gains(images, targets, workers=2)                          # doctest: +SKIP
+>>> saliency_map(image, learned.gains, **asdict(learned.saliency))             # doctest: +SKIP
+
+Deviations: (1) in eq. 5.8 the pixel is ours: at distance 0 the printed product forgets the cost;
+(2) weights are feasible only with a channel, one of its dimensions and a scale on, or all off would be the
+global minimum; (3) where an image holds several targets the nearest counts; (4) an image without any
+salient place counts as its diagonal, the worst distance there is; (5) of N's rescaling, about 11 of
+the 16 weights are identifiable: different runs end with different weights for the same places.
+
+An evaluation stops as soon as a particle cannot become its own best any more, which changes no
+result (tested), and evaluations run in threads, in fixed groups: the result does not
+depend on how many.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from attn_tree.clpso import CLPSOSettings, Swarm, clpso
+from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
+from attn_tree.vision.retina import Retina
+from attn_tree.vision.saliency import saliency_maps
+from attn_tree.vision.weights import COSTS, Gains
+from attn_tree.winners import SaliencySettings, Winners
+
+__all__ = ["Gains", "LearnedGains", "SaliencySettings", "learn_gains"]
+
+Objective = Literal["distance", "cost"]
+
+LOW, HIGH = 0.0, 6.0  # range of a weight (table 5.1)
+_GROUP = 25  # particles evaluated together
+_FORMAT = "attn_tree gains 1"
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedGains:
+    """Gains, the saliency model that they were learned for, and how the search went.
+
+    Attributes:
+        gains: the best weights found.
+        saliency: settings of the model; the gains hold for no other.
+        objective, limit, alpha: what was minimised.
+        value: the objective at `gains`, in pixels or in pixels times cost.
+        history: best value after the random start and after each move of the swarm.
+        evaluations: weight vectors tried.
+        cpu_s: seconds of CPU that the search took, maps of the training images included.
+    """
+
+    gains: Gains
+    saliency: SaliencySettings
+    objective: Objective
+    limit: int | None
+    alpha: float
+    value: float
+    history: tuple[float, ...] = field(repr=False)
+    evaluations: int = 0
+    cpu_s: float = 0.0
+
+    def fixations(self, image: np.ndarray | Retina, n: int = 3, inhibition_radius: float = 30) -> np.ndarray:
+        """The first `n` places to look at, `(m, 2)` (x, y) in pixels of the image."""
+        return saliency_maps(image, self.gains, **asdict(self.saliency)).fixations(n, inhibition_radius)
+
+    def save(self, path: str | Path) -> None:
+        """Write to a JSON file."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"format": _FORMAT, **asdict(self)}, indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> LearnedGains:
+        """Read what `save` wrote.
+
+        Raises:
+            ValueError: it is no such file.
+            FileNotFoundError: there is none.
+        """
+        try:
+            data = json.loads(Path(path).read_text())
+            if data.pop("format") != _FORMAT:
+                raise ValueError("another format")
+            data["gains"] = Gains(**{name: tuple(weights) for name, weights in data["gains"].items()})
+            data["saliency"] = SaliencySettings(**data["saliency"])
+            data["history"] = tuple(float(value) for value in data["history"])
+            return cls(**data)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            reason = " ".join(str(error).split())[:120]
+            raise ValueError(f"{path}: no gains saved by this project ({reason}); save them again") from None
+
+
+def learn_gains(
+    images: Sequence[np.ndarray],
+    targets: Sequence[np.ndarray],
+    *,
+    objective: Objective = "distance",
+    limit: int | None = None,
+    alpha: float = 1.0,
+    settings: CLPSOSettings | None = None,
+    saliency: SaliencySettings | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    progress: bool = False,
+    checkpoint: str | Path | None = None,
+) -> LearnedGains:
+    """The weights that look at the targets first.
+
+    Args:
+        images: M images, `(H, W, 3)` or `(H, W)` uint8, of any sizes.
+        targets: by image, the centre (x, y) of its target, or `(k, 2)` centres of several.
+        objective: "distance" (eq. 5.9) or "cost" (eq. 5.8).
+        limit: dearest weights allowed, Q of eq. 5.10; None for no limit.
+        alpha: weights not above it are off.
+        settings: of the optimiser; table 5.1 by default.
+        saliency: settings of the saliency model; full resolution by default.
+        seed: of the search; the same seed gives the same weights.
+        workers: threads.
+        progress: show a bar with the best value so far and the time left.
+        checkpoint: a file that is written after every move and gone on from if it is there.
+
+    Raises:
+        ValueError: images and targets do not match, or no weights are feasible.
+    """
+    settings, saliency = settings or CLPSOSettings(), saliency or SaliencySettings()
+    centers = _checked(images, targets, objective, limit)
+    start = time.process_time()
+    identity = {
+        "settings": json.loads(json.dumps(asdict(settings))),
+        "saliency": asdict(saliency),
+        "objective": [objective, limit, alpha, seed],
+        "targets": [points.tolist() for points in centers],
+    }
+    with _one_blas_thread(), ThreadPoolExecutor(workers) as pool:
+        winners = list(pool.map(lambda image: Winners(image, saliency), images))
+        fitness = _Fitness(winners, images, centers, objective, limit, alpha, pool.map)
+        with tqdm(total=settings.iterations + 1, disable=not progress, desc="gains", unit="move") as bar:
+            resume = _resumed(checkpoint, identity)
+            bar.update(resume.iteration + 1 if resume else 0)
+
+            def after_move(swarm: Swarm) -> None:
+                bar.set_postfix_str(f"best {swarm.value:.2f}", refresh=False)
+                bar.update()
+                if checkpoint is not None:
+                    meta, arrays = swarm.state()
+                    write_archive(checkpoint, {"search": identity, "swarm": meta}, arrays)
+
+            swarm = clpso(
+                fitness,
+                [(LOW, HIGH)] * len(COSTS),
+                np.random.default_rng(seed),
+                settings,
+                batched=True,
+                bound=True,
+                callback=after_move,
+                resume=resume,
+            )
+    if not np.isfinite(swarm.value):
+        raise ValueError(f"no weights within the limit of {limit} were found; raise the limit")
+    return LearnedGains(
+        gains=Gains.from_vector(swarm.x, alpha),
+        saliency=saliency,
+        objective=objective,
+        limit=limit,
+        alpha=alpha,
+        value=swarm.value,
+        history=tuple(swarm.history.tolist()),
+        evaluations=swarm.evaluations,
+        cpu_s=time.process_time() - start,
+    )
+
+
+class _Fitness:
+    """Eq. 5.8–5.10 of many weight vectors, each given up once it cannot fall below its bound."""
+
+    def __init__(
+        self,
+        winners: Sequence[Winners],
+        images: Sequence[np.ndarray],
+        centers: Sequence[np.ndarray],
+        objective: Objective,
+        limit: int | None,
+        alpha: float,
+        run: Callable[..., Iterator[np.ndarray]] = map,
+    ) -> None:
+        self._winners, self._objective, self._alpha, self._run = winners, objective, alpha, run
+        self._limit = np.inf if limit is None else limit
+        self._distances = [
+            # By place of the map; the last entry, index −1, is for a map without a salient place.
+            np.append(_nearest(each.positions(), points), np.hypot(*image.shape[:2]))
+            for each, image, points in zip(winners, images, centers, strict=True)
+        ]
+
+    def __call__(self, positions: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+        """Values `(n,)` of positions `(n, 16)`; exact where below `bounds`, else not below them."""
+        groups = [slice(i, i + _GROUP) for i in range(0, len(positions), _GROUP)]
+        return np.concatenate(list(self._run(lambda g: self._values(positions[g], bounds[g]), groups)))
+
+    def _values(self, positions: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+        vectors = np.where(positions > self._alpha, positions, 0.0)
+        costs = (vectors > 0) @ np.array(COSTS)
+        feasible = [Gains.from_vector(vector).feasible for vector in vectors]
+        values = np.where(np.array(feasible) & (costs <= self._limit), 0.0, np.inf)
+        sums = np.zeros(len(vectors))
+        alive = np.flatnonzero(values < bounds)
+        for winners, distances in zip(self._winners, self._distances, strict=True):
+            sums[alive] += distances[winners(vectors[alive])]
+            values[alive] = self._value(sums[alive], costs[alive])
+            alive = alive[values[alive] < bounds[alive]]
+        return values
+
+    def _value(self, sums: np.ndarray, costs: np.ndarray) -> np.ndarray:
+        mean = sums / len(self._winners)
+        return mean if self._objective == "distance" else (mean + 1) * costs
+
+
+def _nearest(places: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance of each place `(n, 2)` to the nearest of the points `(k, 2)`."""
+    return np.linalg.norm(places[:, None] - points[None], axis=2).min(axis=1)
+
+
+def _checked(
+    images: Sequence[np.ndarray], targets: Sequence[np.ndarray], objective: str, limit: int | None
+) -> list[np.ndarray]:
+    """The targets as `(k, 2)` arrays."""
+    if objective not in ("distance", "cost"):
+        raise ValueError(f"objective is {objective!r}; expected 'distance' or 'cost'")
+    cheapest = _CHEAPEST
+    if limit is not None and limit < cheapest:
+        raise ValueError(f"limit is {limit}; the cheapest weights cost {cheapest}")
+    if len(images) != len(targets) or not len(images):
+        raise ValueError(
+            f"expected as many targets as images, at least 1, not {len(targets)} and {len(images)}"
+        )
+    centers = [np.asarray(points, np.float64).reshape(-1, 2) for points in targets]
+    for i, (image, points) in enumerate(zip(images, centers, strict=True)):
+        Retina(image)  # says in one line what is wrong with an image
+        height, width = image.shape[:2]
+        if not len(points) or not ((points >= -0.5) & (points <= (width - 0.5, height - 0.5))).all():
+            raise ValueError(
+                f"image {i} needs targets inside its {width} × {height} pixels, not {points.tolist()}"
+            )
+    return centers
+
+
+_CHEAPEST = COSTS[1] + COSTS[5] + COSTS[15]  # intensity, its dimension, the coarsest scale
+
+
+def _resumed(checkpoint: str | Path | None, identity: dict[str, Any]) -> Swarm | None:
+    """The swarm that an interrupted search of the same settings left.
+
+    Raises:
+        ValueError: the file is of another search, or damaged.
+    """
+    if checkpoint is None or not Path(checkpoint).exists():
+        return None
+    meta, arrays = read_archive(checkpoint)
+    if meta.get("search") != identity:
+        raise ValueError(
+            f"{checkpoint}: is of a search with other settings; choose another file or delete it"
+        )
+    try:
+        return Swarm.from_state(meta["swarm"], arrays)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise ArchiveError(f"{checkpoint}: not a checkpoint of a search; delete it") from None
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """Threads of ours do the work; BLAS threads inside them would wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
