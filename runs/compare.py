@@ -12,41 +12,27 @@ decides the outcome has changed since (the fingerprint in the line), unless `--f
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import json
 import os
 import sys
-import threading
-import time
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import joblib
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from runs import cli, record, run
+from runs import cli, parallel, record, run
 from runs.methods import FAMILIES
+from runs.parallel import ERROR, PATIENCE, Backend, Outcome, locked
 from runs.progress import Progress
 from runs.study import Cell, Header, Study, cells, load_study, narrowed
 
+__all__ = ["ERROR", "PATIENCE", "RESULTS", "attempt", "locked", "main", "run_study"]
+
 RESULTS = Path(__file__).resolve().parent / "results"
-COMMITTED, STUDY, ERROR = "committed.jsonl", "study.json", "error.txt"
-PATIENCE = 3  # rounds in which workers die and no run gets done, before giving up
-
-Backend = Literal["loky", "ray"]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of training one cell: the seconds it took, or one line of what went wrong."""
-
-    cell: Cell
-    seconds: float
-    error: str | None = None
+COMMITTED, STUDY = "committed.jsonl", "study.json"
 
 
 def committed_scores(study: str, results: Path = RESULTS) -> dict[tuple[Any, ...], record.Record]:
@@ -76,82 +62,40 @@ def train_all(
     out: Path,
     workers: int,
     backend: Backend,
-    progress: Progress,
-) -> list[Outcome]:
+    progress: Progress[Cell],
+) -> list[Outcome[Cell]]:
     """Train cells side by side; a worker that dies takes its run back to the queue.
 
     Returns:
         What failed.
     """
-    failed: list[Outcome] = []
-    waiting, idle = list(pending), 0
-    while waiting:
-        before = len(waiting)
-        try:
-            for outcome in _side_by_side(waiting, out, workers, backend):
-                waiting = [cell for cell in waiting if cell.key != outcome.cell.key]
-                if outcome.error is not None:
-                    failed.append(outcome)
-                progress.done(outcome.cell, outcome.seconds, outcome.error)
-        except (TerminatedWorkerError, BrokenPipeError):
-            waiting = [cell for cell in waiting if not whole(cell, cell.folder(out), run.TRAINED)]
-            idle = idle + 1 if len(waiting) == before else 0
-            progress.say(f"a worker died; {len(waiting)} runs go back to the queue")
-            if idle >= PATIENCE:
-                reason = "its worker was killed every time (out of memory?)"
-                failed.extend(Outcome(cell, 0.0, reason) for cell in waiting)
-                break
-    return failed
+    return parallel.work_through(
+        pending,
+        lambda waiting: _side_by_side(waiting, out, workers, backend),
+        lambda cell: whole(cell, cell.folder(out), run.TRAINED),
+        lambda outcome: progress.done(outcome.job, outcome.seconds, outcome.error),
+        progress.say,
+    )
 
 
-def _side_by_side(waiting: Sequence[Cell], out: Path, workers: int, backend: Backend) -> Iterator[Outcome]:
-    """Outcomes as they come, from processes with one thread each."""
+def _side_by_side(
+    waiting: Sequence[Cell], out: Path, workers: int, backend: Backend
+) -> Iterator[Outcome[Cell]]:
+    """Outcomes as they come; one worker is this process itself."""
     if workers == 1 and backend == "loky":
-        yield from (attempt(cell, cell.folder(out)) for cell in waiting)
-        return
-    limit = {"inner_max_num_threads": 1} if backend == "loky" else {}
-    with joblib.parallel_config(backend=backend, n_jobs=workers, **limit):
-        jobs = (joblib.delayed(attempt)(cell, cell.folder(out), os.getpid()) for cell in waiting)
-        if backend == "loky":
-            # One job at a time for each worker: what dies with it is one run.
-            yield from joblib.Parallel(return_as="generator_unordered", pre_dispatch="n_jobs", batch_size=1)(
-                jobs
-            )
-        else:
-            yield from joblib.Parallel(batch_size=1)(jobs)
+        return (attempt(cell, cell.folder(out)) for cell in waiting)
+    calls = [partial(attempt, cell, cell.folder(out), os.getpid()) for cell in waiting]
+    return parallel.side_by_side(calls, workers, backend)
 
 
-def attempt(cell: Cell, folder: Path, parent: int | None = None) -> Outcome:
-    """Train one cell; what goes wrong is written to `error.txt` and reported, and the study goes on."""
-    if parent is not None:
-        _end_with(parent)
-    start = time.perf_counter()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / ERROR).unlink(missing_ok=True)
-        run.train(cell, folder)
-    except Exception as error:
-        with contextlib.suppress(OSError):
-            record.write_atomically(folder / ERROR, traceback.format_exc())
-        return Outcome(cell, time.perf_counter() - start, f"{type(error).__name__}: {cli.one_line(error)}")
-    return Outcome(cell, time.perf_counter() - start)
+def attempt(cell: Cell, folder: Path, parent: int | None = None) -> Outcome[Cell]:
+    """Train one cell; a failure is reported, not raised."""
+    return parallel.attempt(cell, lambda each: run.train(each, folder), folder, parent)
 
 
-_watching: set[int] = set()
-
-
-def _end_with(parent: int) -> None:
-    """End this worker when the driver is gone, so that a study killed outright leaves nobody at work."""
-    if parent in _watching or os.getppid() != parent:
-        return
-    _watching.add(parent)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+def _kinds(cell: Cell) -> Sequence[Hashable]:
+    """What makes two runs take about as long."""
+    return (cell.method, cell.env, cell.variant), cell.method
 
 
 def measure_all(trained: Sequence[Cell], out: Path) -> None:
@@ -159,20 +103,6 @@ def measure_all(trained: Sequence[Cell], out: Path) -> None:
     for task in dict.fromkeys(cell.task for cell in trained):
         group = [cell for cell in trained if cell.task == task]
         run.measure(group, [cell.folder(out) for cell in group])
-
-
-@contextlib.contextmanager
-def locked(out: Path) -> Iterator[None]:
-    """Hold a folder for this process; the lock goes when the process does, however it ends."""
-    with cli.mistakes():
-        out.mkdir(parents=True, exist_ok=True)
-        (out / ".lock").touch()
-    with open(out / ".lock") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise cli.UserMistake(f"{out}: another compare is at work in this folder") from None
-        yield
 
 
 def run_study(
@@ -184,7 +114,7 @@ def run_study(
     fresh: bool = False,
     results: Path = RESULTS,
     publish: bool = False,
-) -> list[Outcome]:
+) -> list[Outcome[Cell]]:
     """Bring a study to its end in `out`.
 
     Returns:
@@ -199,8 +129,8 @@ def run_study(
     reused = {cell.key for cell in known}
     todo = [c for c in everything if c.key not in reused and not whole(c, c.folder(out), run.RESULT)]
     _write_header(study, out, [committed[*c.key, c.fingerprint] for c in known])
-    failed: list[Outcome] = []
-    with Progress(len(everything), todo, workers) as progress:
+    failed: list[Outcome[Cell]] = []
+    with Progress(len(everything), todo, workers, _kinds) as progress:
         for seed in dict.fromkeys(cell.seed for cell in todo):
             mine = [cell for cell in todo if cell.seed == seed]
             trained = [cell for cell in mine if whole(cell, cell.folder(out), run.TRAINED)]
@@ -210,7 +140,7 @@ def run_study(
             pending.sort(key=lambda c: (-progress.expected(c), FAMILIES[c.method] != "network"))
             failures = train_all(pending, out, workers, backend, progress)
             failed += failures
-            broken = {outcome.cell.key for outcome in failures}
+            broken = {outcome.job.key for outcome in failures}
             progress.say(f"seed {seed}: measuring decisions, the methods in turns")
             measure_all([cell for cell in mine if cell.key not in broken], out)
             if publish:
@@ -268,7 +198,7 @@ def main(
     if chosen.seeds < 1 or (workers is not None and workers < 1) or (steps is not None and steps < 1):
         raise cli.UserMistake("--seeds, --workers and --steps must be at least 1")
     _prepare(backend)
-    with locked(out), cli.mistakes_of(record.RecordError):
+    with locked(out, "compare"), cli.mistakes_of(record.RecordError):
         failed = run_study(
             chosen,
             out,
@@ -282,8 +212,8 @@ def main(
     print(terminal_table(out))
     print("report: " + ", ".join(map(str, written)))
     for outcome in failed:
-        details = outcome.cell.folder(out) / ERROR
-        print(f"failed: {outcome.cell}: {outcome.error} (details in {details})", file=sys.stderr)
+        details = outcome.job.folder(out) / ERROR
+        print(f"failed: {outcome.job}: {outcome.error} (details in {details})", file=sys.stderr)
     return 1 if failed else 0
 
 

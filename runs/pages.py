@@ -16,8 +16,9 @@ from pathlib import Path
 
 from runs import cli
 from runs.compare import RESULTS
-from runs.report import collect, estimate, number
+from runs.report import collect
 from runs.tables import Row, TaskTable, task_tables
+from runs.wording import estimate, number
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "docs/findings.md")

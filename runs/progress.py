@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from types import TracebackType
-from typing import Self
+from typing import Any, Generic, Self
 
 import numpy as np
 from rich.console import Console
@@ -14,25 +14,39 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from runs.study import Cell
+from runs.parallel import J
+from runs.wording import duration
 
 
-class Progress:
-    """Counts runs as they are trained.
+class Progress(Generic[J]):
+    """Counts jobs as they are done.
 
-    The time left is the sum of what the waiting runs are expected to take, each as long as
-    the runs of its method in the same task so far, else as its method's, else as all.
+    The time left is the sum of what the waiting jobs are expected to take, each as long as
+    those of its kind so far.
 
     Args:
-        total: runs of the study.
+        total: jobs of the study.
         waiting: those not done yet.
-        workers: runs at once.
+        workers: jobs at once.
+        kinds: what a job has in common with others, the most alike first; the first kind of
+            which one is done counts, and all jobs are alike in the end.
+        prior: seconds a job is expected to take while none is done; 0 where nothing is known.
+        noun: what the jobs are called.
     """
 
-    def __init__(self, total: int, waiting: Sequence[Cell], workers: int) -> None:
+    def __init__(
+        self,
+        total: int,
+        waiting: Sequence[J],
+        workers: int,
+        kinds: Callable[[J], Sequence[Hashable]] = lambda job: (),
+        prior: Callable[[J], float] = lambda job: 0.0,
+        noun: str = "runs",
+    ) -> None:
         self.total, self.workers = total, workers
-        self._waiting = {cell.key: cell for cell in waiting}
-        self._took: defaultdict[tuple[str, ...], list[float]] = defaultdict(list)
+        self._kinds, self._prior, self._noun = kinds, prior, noun
+        self._waiting: dict[Any, J] = {job.key: job for job in waiting}
+        self._took: defaultdict[Hashable, list[float]] = defaultdict(list)
         self._console = Console(stderr=True)
         columns = (
             TextColumn("{task.description}"),
@@ -41,13 +55,13 @@ class Progress:
             TextColumn("{task.fields[left]}"),
         )
         self._bar = Bar(*columns, console=self._console, disable=not self._console.is_terminal)
-        self._task = self._bar.add_task("runs", total=total, completed=total - len(waiting), left="")
+        self._task = self._bar.add_task(noun, total=total, completed=total - len(waiting), left="")
         self._start = time.monotonic()
 
     def __enter__(self) -> Self:
         self._bar.start()
         if self._waiting and len(self._waiting) < self.total:
-            self.say(f"{self.total - len(self._waiting)} of {self.total} runs are whole already")
+            self.say(f"{self.total - len(self._waiting)} of {self.total} {self._noun} are whole already")
         return self
 
     def __exit__(
@@ -55,41 +69,35 @@ class Progress:
     ) -> None:
         self._bar.stop()
 
-    def done(self, cell: Cell, seconds: float, error: str | None) -> None:
-        """A run has ended."""
-        for key in ((cell.method, cell.env, cell.variant), (cell.method,), ()):
-            self._took[key].append(seconds)
-        self.skip([cell])
+    def done(self, job: J, seconds: float, error: str | None) -> None:
+        """A job has ended."""
+        for kind in (*self._kinds(job), None):
+            self._took[kind].append(seconds)
+        self.skip([job])
         outcome = f"failed: {error}" if error else f"{seconds:.1f} s"
         count = self.total - len(self._waiting)
-        self.say(f"[{count}/{self.total}] {cell}: {outcome}, {self.left()} left")
+        self.say(f"[{count}/{self.total}] {job}: {outcome}, {self.left()} left")
 
-    def skip(self, cells: Sequence[Cell]) -> None:
-        """Runs that need no training any more."""
-        for cell in cells:
-            self._waiting.pop(cell.key, None)
+    def skip(self, jobs: Sequence[J]) -> None:
+        """Jobs that need no work any more."""
+        for job in jobs:
+            self._waiting.pop(job.key, None)
         self._bar.update(self._task, completed=self.total - len(self._waiting), left=f"{self.left()} left")
 
     def left(self) -> str:
         """Time left in words."""
-        seconds = sum(self.expected(cell) for cell in self._waiting.values()) / self.workers
-        if not self._took:
+        expected = [self.expected(job) for job in self._waiting.values()]
+        if not self._took and not any(expected):
             return "unknown time"
-        return (
-            f"{seconds:.0f} s"
-            if seconds < 90
-            else f"{seconds / 60:.0f} min"
-            if seconds < 5400
-            else f"{seconds / 3600:.1f} h"
-        )
+        return duration(sum(expected) / self.workers)
 
     def say(self, text: str) -> None:
         """A line above the bar."""
         self._console.print(escape(text), highlight=False, soft_wrap=True)
 
-    def expected(self, cell: Cell) -> float:
-        """Seconds that a run is expected to take, 0 while nothing is known."""
-        for key in ((cell.method, cell.env, cell.variant), (cell.method,), ()):
-            if key in self._took:
-                return float(np.mean(self._took[key]))
-        return 0.0
+    def expected(self, job: J) -> float:
+        """Seconds that a job is expected to take, 0 while nothing is known."""
+        for kind in (*self._kinds(job), None):
+            if kind in self._took:
+                return float(np.mean(self._took[kind]))
+        return self._prior(job)

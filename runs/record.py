@@ -113,12 +113,7 @@ def from_json(text: str | bytes, source: str) -> Record:
     Raises:
         RecordError: malformed text, a missing field, or a value of the wrong type or range.
     """
-    try:
-        data = json.loads(text, parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:  # ValueError covers bad UTF-8 and oversized integers
-        raise RecordError(f"{source}: not valid JSON ({_brief(error)})") from None
-    if not isinstance(data, dict):
-        raise RecordError(f"{source}: expected a JSON object with the fields of a run, found {_kind(data)}")
+    data = parse_object(text, source)
     missing = [name for name in _REQUIRED if name not in data]
     if missing:
         raise RecordError(
@@ -126,6 +121,21 @@ def from_json(text: str | bytes, source: str) -> Record:
         )
     values = {name: _checked(name, data[name], kind, source) for name, kind in _TYPES.items() if name in data}
     return Record(**values)
+
+
+def parse_object(text: str | bytes, source: str) -> dict[str, Any]:
+    """A JSON object; NaN and infinities are no JSON.
+
+    Raises:
+        RecordError: malformed text, or something else than an object.
+    """
+    try:
+        data = json.loads(text, parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:  # ValueError covers bad UTF-8 and oversized integers
+        raise RecordError(f"{source}: not valid JSON ({_brief(error)})") from None
+    if not isinstance(data, dict):
+        raise RecordError(f"{source}: expected a JSON object with the fields of a run, found {_kind(data)}")
+    return data
 
 
 def read(path: Path) -> Record:

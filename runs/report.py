@@ -24,9 +24,9 @@ from PIL import Image
 from runs import cli, figures, record
 from runs.methods import METHODS
 from runs.record import Record, RecordError
-from runs.statistics import Estimate
 from runs.study import Header, load_study, study_names
 from runs.tables import Row, TaskTable, task_tables, values
+from runs.wording import estimate, markdown_cell, number
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 LARGEST_PICTURE = 30_000_000  # bytes of a file
@@ -140,32 +140,6 @@ def write_report(source: Path, out: Path | None = None) -> list[Path]:
         record.write_atomically(path, text)
         written.append(path)
     return written
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """A number for people: `1 234 567` with separators, few digits, an en dash for none."""
-    if value is None:
-        return "–"
-    if abs(value) >= 1000:
-        return f"{value:,.0f}"
-    return f"{value:.{digits}g}"
-
-
-def estimate(value: Estimate | None) -> str:
-    """A figure with its interval, or without where all seeds agree."""
-    if value is None:
-        return "–"
-    if value.low == value.high:
-        return number(value.value)
-    return f"{number(value.value)} [{number(value.low)}, {number(value.high)}]"
-
-
-def markdown_cell(text: Any) -> str:
-    """Text that cannot end a table cell, begin markup or hold a tag."""
-    plain = " ".join(str(text).split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    for mark in "\\`*_[]|!#":
-        plain = plain.replace(mark, f"\\{mark}")
-    return plain
 
 
 def terminal_table(source: Path) -> str:

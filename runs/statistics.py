@@ -49,6 +49,15 @@ def iqm(scores: Strata | np.ndarray) -> float:
     return float(stats.trim_mean(np.concatenate(_strata(scores)), 0.25))
 
 
+def mean(scores: Strata | np.ndarray) -> float:
+    """Mean over strata of each stratum's mean: every task (split, class) counts the same.
+
+    Raises:
+        ValueError: no scores, or scores that are not finite.
+    """
+    return float(np.mean([array.mean() for array in _strata(scores)]))
+
+
 def failed_seeds(scores: np.ndarray, threshold: float) -> int:
     """How many runs stayed below `threshold` (by more than 1e-9); a score of NaN is a failure."""
     scores = np.asarray(scores, float)
@@ -78,6 +87,8 @@ def bootstrap_interval(
     drawn = [array[rng.integers(0, array.size, (resamples, array.size))] for array in strata]
     if statistic is iqm:  # vectorised over replicates; the same figure
         replicates = stats.trim_mean(np.concatenate(drawn, axis=1), 0.25, axis=1)
+    elif statistic is mean:
+        replicates = np.mean([table.mean(axis=1) for table in drawn], axis=0)
     else:
         replicates = np.array([statistic([table[i] for table in drawn]) for i in range(resamples)])
     low, high = np.quantile(replicates, [(1 - confidence) / 2, (1 + confidence) / 2])

@@ -137,8 +137,8 @@ def test_other_settings_or_damage_in_the_folder_are_refused(uninterrupted: Path,
 def test_a_run_that_fails_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
     broken = replace(STUDY, seeds=1, settings={"STree": {"radius": -1}}, methods=["TabularQ", "STree"])
     (outcome,) = compare.run_study(broken, tmp_path, workers=1, results=tmp_path)
-    assert outcome.cell.method == "STree" and "radius" in (outcome.error or "")
-    assert "Traceback" in (outcome.cell.folder(tmp_path) / compare.ERROR).read_text()
+    assert outcome.job.method == "STree" and "radius" in (outcome.error or "")
+    assert "Traceback" in (outcome.job.folder(tmp_path) / compare.ERROR).read_text()
     assert [key[1] for key in scores(tmp_path)] == ["TabularQ"]
 
 

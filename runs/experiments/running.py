@@ -1,0 +1,188 @@
+"""Runs the units of experiments that have no line yet, those that others read first.
+
+The disk is the truth: a unit whose line is there is left alone, so that experiments killed
+at any moment end, when the same command is given again, with the lines of an uninterrupted run.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from runs import parallel, record
+from runs.experiments.experiment import Experiment, Line, Lines, Unit
+from runs.experiments.store import Store, to_line
+from runs.parallel import Outcome
+from runs.progress import Progress
+
+DATA = "ATTN_TREE_DATA"
+
+
+@dataclass(frozen=True)
+class Work:
+    """One unit of one experiment, by name."""
+
+    experiment: str
+    unit: Unit
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Experiment and key of the unit."""
+        return self.experiment, self.unit.key
+
+    def __str__(self) -> str:
+        return f"{self.experiment} {self.unit.key}"
+
+
+@dataclass
+class Plan:
+    """What is to be computed.
+
+    Attributes:
+        experiments: those with something to do, needed ones first.
+        units: what each has to do, by name.
+    """
+
+    experiments: list[Experiment] = field(default_factory=list)
+    units: dict[str, list[Unit]] = field(default_factory=dict)
+
+
+def plan(
+    order: Sequence[Experiment], chosen: Sequence[Experiment], only: Sequence[str], store: Store
+) -> Plan:
+    """The units that have no line, and those that they read.
+
+    Args:
+        order: the chosen experiments and all they need, needed ones first.
+        chosen: experiments that are asked for.
+        only: parts of keys; units of the chosen ones that hold none of them are left out.
+        store: where lines lie.
+    """
+    whole = {e.name: store.lines(e) for e in order}
+    wanted: dict[tuple[str, str], None] = {}
+
+    def visit(experiment: Experiment, unit: Unit) -> None:
+        if unit.key in whole[experiment.name] or (experiment.name, unit.key) in wanted:
+            return
+        for needed in store.fingerprints.read(experiment, unit):
+            visit(*needed)
+        wanted[experiment.name, unit.key] = None
+
+    for experiment in chosen:
+        for unit in selected(experiment, only):
+            visit(experiment, unit)
+    todo = {e.name: [unit for unit in e.units if (e.name, unit.key) in wanted] for e in order}
+    return Plan([e for e in order if todo[e.name]], {name: units for name, units in todo.items() if units})
+
+
+def selected(experiment: Experiment, only: Sequence[str]) -> list[Unit]:
+    """The units whose key holds one of these texts; all if there is none."""
+    return [unit for unit in experiment.units if not only or any(text in unit.key for text in only)]
+
+
+def lacking(experiment: Experiment) -> str | None:
+    """One line about the real images that an experiment needs and that are not there."""
+    root = os.environ.get(DATA)
+    for folder in experiment.data:
+        if root is None:
+            return f"needs the real images of '{folder}': set {DATA} to the folder that holds them"
+        if not (Path(root) / folder).is_dir():
+            return f"needs the real images of '{folder}', which are not in {DATA} ({root})"
+    return None
+
+
+def ready(experiment: Experiment, units: Sequence[Unit], store: Store) -> tuple[list[Unit], list[str]]:
+    """The units that can be computed, and the keys of those of which a line to read is missing."""
+    there = _read(experiment, store)
+    can = [
+        unit
+        for unit in units
+        if all(each.key in there[other.name] for other, each in store.fingerprints.read(experiment, unit))
+    ]
+    return can, [unit.key for unit in units if unit not in can]
+
+
+def _read(experiment: Experiment, store: Store) -> dict[str, dict[str, Line]]:
+    """The whole lines of every experiment that this one needs."""
+    return {name: store.lines(store.fingerprints.experiments[name]) for name in experiment.needs}
+
+
+def run(experiment: Experiment, units: Sequence[Unit], store: Store, workers: int) -> list[Outcome[Work]]:
+    """Compute units side by side, each in one thread; every whole one leaves its line.
+
+    Args:
+        experiment: whose units they are.
+        units: what is to be done; the lines they read must be there.
+        store: where lines lie.
+        workers: processes at once; one means this process itself, as for timings.
+
+    Returns:
+        What failed.
+    """
+    workers = 1 if experiment.serial else min(workers, len(units))
+    commit = record.git_commit()
+    there = _read(experiment, store)
+
+    def call(work: Work) -> Callable[[], Outcome[Work]]:
+        unit = work.unit
+        read = [there[e.name][u.key] for e, u in store.fingerprints.read(experiment, unit)]
+        folder = store.folder(experiment) / unit.key
+        do = partial(
+            _compute,
+            compute=experiment.compute,
+            lines=Lines(read, folder),
+            config=store.fingerprints(experiment, unit),
+            path=store.path(experiment, unit),
+            commit=commit,
+        )
+        return partial(parallel.attempt, work, do, folder, os.getpid())
+
+    waiting = [Work(experiment.name, unit) for unit in units]
+    each = experiment.cpu_minutes * 60 / max(1, len(experiment.units))
+    with Progress(len(waiting), waiting, workers, _kinds, lambda _: each, "units") as progress:
+        progress.say(f"{experiment.name}: {len(waiting)} units to compute, about {progress.left()}")
+        return parallel.work_through(
+            waiting,
+            lambda works: parallel.side_by_side([call(work) for work in works], workers),
+            lambda work: store.on_disk(experiment, work.unit) is not None,
+            lambda outcome: progress.done(outcome.job, outcome.seconds, outcome.error),
+            progress.say,
+            "units",
+        )
+
+
+def _compute(
+    work: Work,
+    compute: Callable[[Unit, Lines], dict[str, Any]],
+    lines: Lines,
+    config: str,
+    path: Path,
+    commit: str | None,
+) -> None:
+    """Compute one unit and leave its line; its folder goes when the line is there."""
+    with parallel.one_thread():
+        cpu, wall = _cpu_seconds(), time.perf_counter()
+        scores = compute(work.unit, lines)
+        cpu, wall = _cpu_seconds() - cpu, time.perf_counter() - wall
+    unit = work.unit
+    line = Line(
+        work.experiment, unit.key, config, unit.settings, scores, round(cpu, 3), round(wall, 3), commit
+    )
+    record.write_atomically(path, to_line(line) + "\n")
+    shutil.rmtree(path.parent / unit.key, ignore_errors=True)
+
+
+def _cpu_seconds() -> float:
+    return sum(os.times()[:4])
+
+
+def _kinds(work: Work) -> Sequence[Hashable]:
+    """Units that differ in a number only take about as long."""
+    return (work.experiment, re.sub(r"\d+", "", work.unit.key)), work.experiment
