@@ -21,12 +21,18 @@ The papers: *An integrated model of top-down and bottom-up attention for optimiz
 
 1. N(·) rescales, so gains on what goes into it singly would be lost: SNR is measured on, and gains
    multiply, what is added up, that is maps *after* N(·) in the basic model.
-2. The surround is the box of the target enlarged to `context` times its side, without the target.
-3. Gains are averaged over training images, and a target is its box, not a mask.
-4. A hundredth of a map's maximum is added to both means, or a map silent in the surround of a
-   single target would have an infinite gain.
+2. The surround is the whole image without the target; with a smaller `context` it is the box of
+   the target enlarged to that many times its side, without the target.
+3. The SNR of several training images is their geometric mean, as decibels are averaged; and a
+   target is its box, not a mask.
+4. A thousandth of a map's maximum is added to both means, or a map silent everywhere but in the
+   target would have an infinite gain.
 5. The programs of NVT also learn by Bayes which of several views of an object to look for;
    here there is one set of gains for each object.
+
+Tried on road scenes (40 test images in each of five categories, hits within three fixations; basic and
+revised model): 3 in place of (2) 41.5% and 47.5%, the whole image 45% and 49.5%, and with (3) and (4)
+in place of a mean of gains and a hundredth 47% and 54.5%.
 """
 
 from __future__ import annotations
@@ -62,6 +68,7 @@ Maps = dict[str, dict[Key, np.ndarray]]
 
 _PAIRS: tuple[Key, ...] = tuple((c, c + delta) for c in (2, 3, 4) for delta in (3, 4))
 _BASIC_SCALE = 4  # at which the basic model adds its maps
+_FAINT = 0.001  # share of a map's maximum that is added to both means of an SNR
 _SCALES: tuple[Key, ...] = tuple((scale,) for scale in range(SCALES))
 
 
@@ -110,7 +117,7 @@ def learn_nvt(
     model: Model = "basic",
     resolution: float = 1.0,
     surround: int = 7,
-    context: float = 3.0,
+    context: float = np.inf,
 ) -> NVT:
     """Gains from M images and the boxes of the target in them.
 
@@ -120,7 +127,8 @@ def learn_nvt(
         model: "basic" or "revised", whose maps bear the gains.
         resolution: of what is seen, relative to the image; part of the model.
         surround: side of the surround of the revised model, odd.
-        context: side of the target's surround relative to that of the target; `inf` for the whole image.
+        context: side of the target's surround relative to that of the target; by default the surround is
+            the whole image.
 
     A map in which no training image shows anything keeps gain 1.
 
@@ -176,16 +184,16 @@ class _Region:
         shape = (values.shape[0], values.shape[1])
         target = coverage(self._boxes, self._size, shape)
         around = coverage(self._around, self._size, shape)
-        return strength(values, target, np.maximum(around - target, 0))
+        return strength(values, target, np.maximum(around - target, 0), _FAINT)
 
 
 def _gains(keys: Sequence[K], examples: Sequence[tuple[Mapping[K, np.ndarray], _Region]]) -> dict[K, float]:
-    """g of each key, of mean 1: the mean over images of SNR / mean SNR; 1 for maps not there."""
-    total = np.zeros(len(keys))
-    for maps, region in examples:
-        ratios = np.array([region.snr(maps[key]) if key in maps else 1.0 for key in keys])
-        total += ratios / ratios.mean()
-    return dict(zip(keys, (total / len(examples)).tolist() if examples else [1.0] * len(keys), strict=True))
+    """g of each key, of mean 1, from maps of several images; a map that is not there has SNR 1."""
+    logs = [
+        [np.log(region.snr(maps[key])) if key in maps else 0.0 for key in keys] for maps, region in examples
+    ]
+    snr = np.exp(np.mean(logs, axis=0)) if logs else np.ones(len(keys))
+    return dict(zip(keys, (snr / snr.mean()).tolist(), strict=True))
 
 
 def _summands(seen: np.ndarray, model: Model, surround: int, work: Workspace) -> Maps:

@@ -27,7 +27,6 @@ from attn_tree.vision.workspace import Workspace
 __all__ = ["Rival"]
 
 ROUNDING = 1e-3  # grey levels; a difference below this is no difference
-_FAINT = 0.01  # share of a map's maximum that is added to both means before they are compared
 
 
 class Rival(ABC):
@@ -126,21 +125,23 @@ def coverage(boxes: np.ndarray, size: tuple[int, int], shape: tuple[int, int]) -
     return total
 
 
-def strength(values: np.ndarray, target: np.ndarray, rest: np.ndarray) -> float:
+def strength(values: np.ndarray, target: np.ndarray, rest: np.ndarray, faint: float) -> float:
     """How much stronger a map is in the target than in the rest: the quotient of its means.
 
     Args:
         values: the map `(h, w)`, not negative.
         target, rest: `(h, w)` shares of each cell that belong to either.
+        faint: share of the map's maximum that is added to both means, so that the quotient stays
+            finite where a map is silent.
 
-    A hundredth of the map's maximum is added to both means, so that the quotient stays finite where
-    a map is silent; it is 1 if the map is empty, or there is no rest.
+    Returns:
+        1 if the map is empty, or there is no rest.
     """
-    faint = _FAINT * float(values.max())
-    if faint <= 0 or not rest.any() or not target.any():
+    least = faint * float(values.max())
+    if least <= 0 or not rest.any() or not target.any():
         return 1.0
     signal, noise = (float((values * share).sum() / share.sum()) for share in (target, rest))
-    return (signal + faint) / (noise + faint)
+    return (signal + least) / (noise + least)
 
 
 def dimension_levels(

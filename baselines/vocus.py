@@ -28,8 +28,12 @@ excitation, inhibition, t. What differs, or is ours because the papers leave it 
 4. The most salient region grows from the maximum of S_bu within the box over places of at least three
    quarters of it, and does not leave the box.
 5. A hundredth of a map's maximum is added to both means, so that 1 / w_i is finite.
-6. The greedy choice counts fixations until one is in a box, and breaks ties by how far the target
-   stands out. The papers' order of choosing could not be checked.
+6. The greedy choice adds the image that lowers the mean number of fixations until one is in a box
+   over all training images, and among equals the one with which the target stands out most; it
+   ends when that number falls no more. The papers' order of choosing could not be checked.
+
+Tried on road scenes (as in `nvt.py`, at half the resolution): 53% with up to 5 images, 54% with up to 1
+or 2, 43.5% with all; t = 0.5 48%; without (3) 51%, with X weighted by uniqueness 51.5%.
 """
 
 from __future__ import annotations
@@ -64,6 +68,7 @@ _CHANNEL_OF = dict(zip(("red", "green", "blue", "yellow", "light", "dark"), "CCC
 FEATURES = tuple(_CHANNEL_OF)
 _MAXIMA = 0.5  # share of the maximum from which local maxima count
 _REGION = 0.75  # share of the seed's salience down to which the most salient region grows
+_FAINT = 0.01  # share of a map's maximum that is added to both means of a weight
 _LONGEST = 10  # fixations after which the greedy choice gives a search up
 
 
@@ -95,6 +100,7 @@ class VOCUS(Rival):
             maps, bottom_up = _maps(seen, self.surround, work)
             found = (1 - self.t) * bottom_up
             if self.t > 0:
+                retina.count(macs=len(maps) * bottom_up.size)
                 found += self.t * _scaled(top_down(maps, self.weights))
         return found
 
@@ -165,7 +171,9 @@ class _Example:
         for box in self.boxes:
             region = np.maximum(region, _most_salient(self.bottom_up, self._inside(box[None])))
         found = dict.fromkeys((*FEATURES, *CHANNELS), 1.0)
-        return found | {name: strength(values, region, 1 - region) for name, values in self.maps.items()}
+        return found | {
+            name: strength(values, region, 1 - region, _FAINT) for name, values in self.maps.items()
+        }
 
     def search(self, weights: Mapping[str, float], t: float, radius: float) -> tuple[float, float]:
         """Fixations needed to find the target, and the best other place relative to the target."""
@@ -189,18 +197,18 @@ class _Example:
 def _chosen(examples: Sequence[_Example], logs: np.ndarray, most: int, t: float, radius: float) -> list[int]:
     """Greedy forward choice of training images."""
     chosen: list[int] = []
-    best = (np.inf, np.inf)
+    fewest = np.inf
     while len(chosen) < min(most, len(examples)):
         tried = []
         for i in sorted(set(range(len(examples))) - set(chosen)):
             weights = _mean(logs[[*chosen, i]])
             results = [example.search(weights, t, radius) for example in examples]
-            hits, ratios = np.mean(results, axis=0)
-            tried.append(((float(hits), float(ratios)), i))
-        score, candidate = min(tried)
-        if score >= best:
+            hits, rivalry = np.mean(results, axis=0).tolist()
+            tried.append(((hits, rivalry), i))
+        (hits, _), candidate = min(tried)
+        if hits >= fewest:
             break
-        best = score
+        fewest = hits
         chosen.append(candidate)
     return chosen
 
