@@ -14,10 +14,10 @@ uniqueness W(X) = X / √m, m being the number of local maxima above half of the
 Training images are chosen greedily, as few say more than all: of those left, the one that lets
 the target be found soonest in all of them is added, until none helps.
 
-The papers: *VOCUS: a visual attention system for object detection and goal-directed search* (2006),
-and with Backer and Rome *Goal-directed search with a top-down modulated computational attention
-system* (DAGM 2005). Of the original are the 13 maps and weights, W, the most salient region,
-excitation, inhibition, t. What differs, or is ours because the papers leave it open:
+The papers: Frintrop, *VOCUS: a visual attention system for object detection and goal-directed search*
+(2006); Frintrop, Backer & Rome (DAGM 2005); a summary in Mitri et al. (ICRA 2005). Of the original are
+the 13 maps and weights, W, the most salient region, excitation, inhibition, t. What differs, is
+ours, or could not be checked in them:
 
 1. Colours, Gabor filters, pyramids (6 scales) and surrounds are those of our front-end, where VOCUS
    takes colours from Lab, scales 2–4 and surrounds of 3 and 7 pixels. Both polarities of an
@@ -30,10 +30,10 @@ excitation, inhibition, t. What differs, or is ours because the papers leave it 
 5. A hundredth of a map's maximum is added to both means, so that 1 / w_i is finite.
 6. The greedy choice adds the image that lowers the mean number of fixations until one is in a box
    over all training images, and among equals the one with which the target stands out most; it
-   ends when that number falls no more. The papers' order of choosing could not be checked.
+   ends when that number falls no more.
 
-Tried on road scenes (as in `nvt.py`, at half the resolution): 53% with up to 5 images, 54% with up to 1
-or 2, 43.5% with all; t = 0.5 48%; without (3) 51%, with X weighted by uniqueness 51.5%.
+Tried on road scenes (as in `nvt.py`, at half the resolution): 53% with up to 5 images (1 to 4 chosen), 54.5%
+with up to 2, 43.5% with all; t = 0.5 48%; without (3) 51%, with X weighted by uniqueness 51.5%.
 """
 
 from __future__ import annotations
