@@ -1,10 +1,12 @@
 """Fills the tables of README.md and docs/ from the committed scores: nobody types a number.
 
-    python -m runs.pages            # rewrite the blocks
-    python -m runs.pages --check    # exit with 2 if a page is out of date
+    python -m runs.pages            # rewrite the blocks, draw the figures
+    python -m runs.pages --check    # exit with 2 if a page is out of date or a figure is missing
 
-A page holds `<!-- scores: NAME -->` … `<!-- end -->`; the lines between are replaced by
-table NAME of `TABLES` below.
+The lines of a page between `<!-- scores: NAME -->` and `<!-- end -->` are replaced by table
+NAME of `TABLES` below, those between `<!-- thesis: NAME -->` and `<!-- end -->` by the tables
+of that experiment of `runs/experiments/`. A page shows `figures/<experiment>-<file>`
+where it likes; all figures of committed experiments are drawn anew from their lines.
 """
 
 from __future__ import annotations
@@ -14,15 +16,19 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from runs import cli
+from runs import cli, experiments
 from runs.compare import RESULTS
+from runs.experiments.experiment import Experiment, Line
+from runs.experiments.store import Fingerprints, Store
+from runs.record import RecordError
 from runs.report import collect
 from runs.tables import Row, TaskTable, task_tables
+from runs.thesis import source
 from runs.wording import estimate, number
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("README.md", "docs/findings.md")
-_BLOCK = re.compile(r"(<!-- scores: ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+FIGURES = ROOT / "docs" / "figures"
+_BLOCK = re.compile(r"(<!-- (scores|thesis): ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def _tables(study: str) -> dict[str, TaskTable]:
@@ -142,6 +148,43 @@ TABLES: dict[str, Callable[[], str]] = {
 }
 
 
+def page_paths() -> list[Path]:
+    """Every page whose blocks are filled."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def committed(experiment: Experiment) -> list[Line] | None:
+    """The committed lines of an experiment, None if nothing is committed.
+
+    Raises:
+        UserMistake: lines are missing or of other settings than the experiment has now.
+    """
+    store = Store(ROOT / "out", RESULTS / "thesis", Fingerprints(experiments.EXPERIMENTS))
+    if not store.committed_path(experiment).exists():
+        return None
+    lines = list(store.committed(experiment).values())
+    if len(lines) < len(experiment.units):
+        raise cli.UserMistake(
+            f"{experiment.name}: only {len(lines)} of {len(experiment.units)} committed lines are of its present "
+            f"settings; run `python -m runs.thesis {experiment.name} --publish`"
+        )
+    return lines
+
+
+def thesis_tables(name: str) -> str:
+    """The tables of an experiment from its committed lines, and where they come from.
+
+    Raises:
+        UserMistake: there is no such experiment, or its lines are not committed.
+    """
+    experiment = experiments.EXPERIMENTS[cli.known("figure or table", name, experiments.EXPERIMENTS)]
+    lines = committed(experiment)
+    if lines is None:
+        raise cli.UserMistake(f"{name}: nothing is committed; run `python -m runs.thesis {name} --publish`")
+    tables = [table.markdown() for table in experiment.score(lines)]
+    return "\n\n".join([*tables, source(experiment, lines)])
+
+
 def filled(text: str) -> str:
     """A page with its blocks made anew.
 
@@ -150,27 +193,48 @@ def filled(text: str) -> str:
     """
 
     def fill(match: re.Match[str]) -> str:
-        table = TABLES[cli.known("table", match[2], list(TABLES))]
-        return f"{match[1]}{table()}\n{match[3]}"
+        begin, kind, name, end = match.groups()
+        if kind == "thesis":
+            return f"{begin}{thesis_tables(name)}\n{end}"
+        return f"{begin}{TABLES[cli.known('table', name, list(TABLES))]()}\n{end}"
 
     return _BLOCK.sub(fill, text)
 
 
+def figures(check: bool) -> None:
+    """Draw the figures of committed experiments, or see that they are there.
+
+    Raises:
+        UserMistake: one is missing.
+    """
+    for experiment in experiments.EXPERIMENTS.values():
+        lines = committed(experiment) if experiment.figures else None
+        for name, draw in experiment.figures.items() if lines else ():
+            path = FIGURES / f"{experiment.name}-{name}"
+            if check and not path.exists():
+                raise cli.UserMistake(f"{path.relative_to(ROOT)} is missing; run `python -m runs.pages`")
+            if not check:
+                FIGURES.mkdir(exist_ok=True)
+                draw(lines, path)
+                print(path)
+
+
 def main(check: bool = False) -> int:
-    """Rewrite the generated tables of the pages.
+    """Rewrite the generated tables of the pages and draw the figures of the thesis's experiments.
 
     Args:
-        check: change nothing, and fail if a page is out of date.
+        check: change nothing, and fail if a page is out of date or a figure is missing.
     """
-    for name in PAGES:
-        page = ROOT / name
-        text = page.read_text()
-        new = filled(text)
-        if check and new != text:
-            raise cli.UserMistake(f"{name} is out of date; run `python -m runs.pages`")
-        if not check:
-            page.write_text(new)
-            print(page)
+    with cli.mistakes_of(RecordError):
+        for page in page_paths():
+            text = page.read_text()
+            new = filled(text)
+            if check and new != text:
+                raise cli.UserMistake(f"{page.relative_to(ROOT)} is out of date; run `python -m runs.pages`")
+            if not check and new != text:
+                page.write_text(new)
+                print(page)
+        figures(check)
     return 0
 
 

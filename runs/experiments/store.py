@@ -86,6 +86,10 @@ class Store:
         """Where the unit leaves its line."""
         return self.folder(experiment) / f"{unit.key}.json"
 
+    def committed_path(self, experiment: Experiment) -> Path:
+        """Where the experiment's committed lines lie."""
+        return self.results / f"{experiment.name}.jsonl"
+
     def on_disk(self, experiment: Experiment, unit: Unit) -> Line | None:
         """The unit's line if it was computed here with the settings it has now.
 
@@ -103,7 +107,7 @@ class Store:
         Raises:
             RecordError: the file is damaged.
         """
-        path = self.results / f"{experiment.name}.jsonl"
+        path = self.committed_path(experiment)
         if not path.exists():
             return {}
         text = record.read_bounded(path, record.LARGEST_FILE * 10).split(b"\n")
@@ -125,7 +129,7 @@ class Store:
 
     def publish(self, experiment: Experiment, lines: Mapping[str, Line]) -> Path:
         """Write the committed lines, in the order of units."""
-        path = self.results / f"{experiment.name}.jsonl"
+        path = self.committed_path(experiment)
         text = "".join(to_line(lines[unit.key]) + "\n" for unit in experiment.units)
         record.write_atomically(path, text)
         return path
