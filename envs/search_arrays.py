@@ -42,7 +42,7 @@ GREY, DARK, DIM, BRIGHT = (100,) * 3, (40,) * 3, (110,) * 3, (200,) * 3
 
 @dataclass(frozen=True)
 class Item:
-    """What is drawn: a bar at an angle in degrees (0 lies, 90 stands, 45 leans right), or without one a dot."""
+    """A bar at an angle in degrees (0 lies, 90 stands, 45 leans to the right) or, without one, a dot."""
 
     colour: Colour
     angle: float | None = None
