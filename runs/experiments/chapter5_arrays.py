@@ -188,8 +188,8 @@ EXPERIMENTS = [
         title="Fixations needed against set size: "
         + ", ".join(f"{kind} ({KINDS[kind].says.partition(':')[0].lower()})" for kind in CURVES),
         section="5.4.1, experiment I",
-        claim="People's reaction times stay constant in pop-out tasks and rise linearly in conjunction tasks, "
-        "the thesis gives no curve of its model.",
+        claim="People's reaction times stay constant in pop-out tasks and rise linearly in conjunction "
+        "tasks, the thesis gives no curve of its model.",
         units=_units(CURVES, ("distance",)),
         compute=compute_curve,
         score=score_curve,
