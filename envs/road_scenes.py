@@ -94,7 +94,8 @@ def gtsdb_scenes(category: str) -> list[Tagged]:
 def groningen() -> list[Tagged]:
     """The 16 Groningen scenes `(270, 360, 3)` with a pedestrian crossing sign, in the order of the files.
 
-    The boxes were made from the blue of the signs and are good to 2–3 pixels.
+    The boxes were made from the blue of the signs and are good to 2–3 pixels. 15 of the 16
+    signs are within 35 pixels of (263, 66): where to look is no riddle here, even without looking.
 
     Raises:
         FileNotFoundError: the data set is not there.
