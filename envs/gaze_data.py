@@ -84,7 +84,7 @@ def _rows(path: Path) -> Iterator[Row]:
         from scipy.io import loadmat
 
         for image in np.ravel(loadmat(path / "fixations.mat", simplify_cells=True)["fixations"]):
-            for subject, seen in enumerate(image["subjects"]):
+            for subject, seen in enumerate(np.ravel(image["subjects"])):
                 places = zip(np.ravel(seen["fix_x"]), np.ravel(seen["fix_y"]), strict=True)
                 for order, (x, y) in enumerate(places):
                     yield str(image["img"]), subject, order, float(x), float(y)
