@@ -165,8 +165,8 @@ def committed(experiment: Experiment) -> list[Line] | None:
     lines = list(store.committed(experiment).values())
     if len(lines) < len(experiment.units):
         raise cli.UserMistake(
-            f"{experiment.name}: only {len(lines)} of {len(experiment.units)} committed lines are of its present "
-            f"settings; run `python -m runs.thesis {experiment.name} --publish`"
+            f"{experiment.name}: only {len(lines)} of {len(experiment.units)} committed lines are of its "
+            f"present settings; run `python -m runs.thesis {experiment.name} --publish`"
         )
     return lines
 
@@ -208,8 +208,10 @@ def figures(check: bool) -> None:
         UserMistake: one is missing.
     """
     for experiment in experiments.EXPERIMENTS.values():
-        lines = committed(experiment) if experiment.figures else None
-        for name, draw in experiment.figures.items() if lines else ():
+        lines = committed(experiment)
+        if lines is None:
+            continue
+        for name, draw in experiment.figures.items():
             path = FIGURES / f"{experiment.name}-{name}"
             if check and not path.exists():
                 raise cli.UserMistake(f"{path.relative_to(ROOT)} is missing; run `python -m runs.pages`")

@@ -28,8 +28,6 @@ from runs.experiments.experiment import Experiment, Line, Table
 from runs.experiments.store import OUT, RESULTS, Fingerprints, Store
 from runs.wording import duration, number
 
-Skipped = dict[str, str]
-
 
 def main(
     names: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="list|NAME")],
@@ -47,7 +45,8 @@ def main(
         out: folder of the lines, tables and figures.
         workers: processes at once; as many as there are processors if not given.
         only: parts of the keys of units to compute, instead of all.
-        fresh: leave the committed lines of what is named aside, and take only those in --out.
+        fresh: leave the committed lines of what is named aside; those in --out still count, so delete
+            its folder there to compute all of it again.
         publish: make the lines the committed ones, if all of an experiment's are there.
         results: folder of the committed lines.
     """
@@ -64,24 +63,25 @@ def main(
         chosen = list({e.name: e for name in names for e in all_experiments.group(name)}.values())
         store = _store(out, results, [e.name for e in chosen] if fresh else ())
         alone = set(names) <= set(all_experiments.EXPERIMENTS)
-        failed, skipped = compute(chosen, store, workers or os.cpu_count() or 1, only, alone)
-        broken = [name for e in chosen if (name := show(e, store, skipped.get(e.name), publish))]
-    for outcome in failed:
-        details = store.out / outcome.job.experiment / outcome.job.unit.key / parallel.ERROR
-        print(f"failed: {outcome.job}: {outcome.error} (details in {details})", file=sys.stderr)
-    for name in broken:
-        print(f"failed: {name}", file=sys.stderr)
-    return 1 if failed or broken else 0
+        troubles = run_all(chosen, store, workers or os.cpu_count() or 1, only, alone, publish)
+    for text in troubles:
+        print(f"failed: {text}", file=sys.stderr)
+    return 1 if troubles else 0
 
 
 def _store(out: Path, results: Path, fresh: Sequence[str]) -> Store:
     return Store(out, results, Fingerprints(all_experiments.EXPERIMENTS), frozenset(fresh))
 
 
-def compute(
-    chosen: Sequence[Experiment], store: Store, workers: int, only: Sequence[str], alone: bool
-) -> tuple[list[parallel.Outcome[running.Work]], Skipped]:
-    """Compute what has no line yet.
+def run_all(
+    chosen: Sequence[Experiment],
+    store: Store,
+    workers: int,
+    only: Sequence[str] = (),
+    alone: bool = True,
+    publish: bool = False,
+) -> list[str]:
+    """Compute what has no line yet, needed experiments first, and show each chosen one when it is done.
 
     Args:
         chosen: experiments that are asked for.
@@ -89,78 +89,87 @@ def compute(
         workers: processes at once.
         only: parts of keys; see `main`.
         alone: real images that are missing are a mistake, not a reason to skip.
+        publish: make the lines of chosen ones the committed ones.
 
     Returns:
-        What failed, and why experiments were skipped.
+        What failed, a line each.
     """
     if only and not any(running.selected(e, only) for e in chosen):
         keys = [unit.key for e in chosen for unit in e.units]
         raise cli.UserMistake(f"no unit holds {' or '.join(only)}; units are {', '.join(keys[:8])} …")
-    plan = running.plan(all_experiments.in_order(chosen), chosen, only, store)
-    failed: list[parallel.Outcome[running.Work]] = []
-    skipped: Skipped = {}
-    for experiment in plan.experiments:
-        if reason := running.lacking(experiment):
-            if alone:
-                raise cli.UserMistake(f"{experiment.name} {reason}")
-            skipped[experiment.name] = reason
-    for experiment in plan.experiments:
-        if experiment.name in skipped:
-            continue
-        with parallel.locked(store.folder(experiment), "run"):
-            ready, waiting = running.ready(experiment, plan.units[experiment.name], store)
-            if ready:
-                failed += running.run(experiment, ready, store, workers)
-        if waiting:
-            skipped[experiment.name] = f"{len(waiting)} units need lines that are missing ({waiting[0]} …)"
-    return failed, skipped
+    order = all_experiments.in_order(chosen)
+    todo = running.todo(order, chosen, only, store)
+    lacking = {e.name: reason for e in order if todo[e.name] and (reason := running.lacking(e))}
+    if lacking and alone:
+        raise cli.UserMistake("; ".join(f"{name} {reason}" for name, reason in lacking.items()))
+    troubles = []
+    for experiment in order:
+        skipped = lacking.get(experiment.name)
+        if todo[experiment.name] and not skipped:
+            with parallel.locked(store.folder(experiment)):
+                ready, waiting = running.ready(experiment, todo[experiment.name], store)
+                failed = running.run(experiment, ready, store, workers) if ready else []
+            for outcome in failed:
+                details = store.folder(experiment) / outcome.job.unit.key / parallel.ERROR
+                troubles.append(f"{outcome.job}: {outcome.error} (details in {details})")
+            if waiting:
+                needs = " and ".join(experiment.needs)
+                skipped = (
+                    f"{len(waiting)} units, {waiting[0]} among them, read lines of {needs} that are missing"
+                )
+        if skipped:
+            print(f"\n{experiment.name}: skipped: {skipped}")
+        if experiment in chosen and (trouble := show(experiment, store, publish)):
+            troubles.append(f"{experiment.name}: {trouble}")
+    return troubles
 
 
-def show(experiment: Experiment, store: Store, skipped: str | None, publish: bool) -> str | None:
+def show(experiment: Experiment, store: Store, publish: bool = False) -> str | None:
     """Print an experiment's tables, write them and the figures to disk, and publish its lines.
 
     Returns:
-        What could not be done, in one line.
+        What could not be made of a whole experiment, in one line.
     """
     found = store.lines(experiment)
-    whole = len(found) == len(experiment.units)
-    if skipped:
-        print(f"\n{experiment.name}: skipped: {skipped}")
     if not found:
         return None
-    lines = list(found.values())
+    lines, missing = list(found.values()), len(experiment.units) - len(found)
     print(f"\n{experiment.name}: {experiment.title} (thesis {experiment.section})")
-    print(_wrapped(f"claim: {experiment.claim}"))
-    if not whole:
-        print(f"only {len(lines)} of {len(experiment.units)} units are whole")
+    print(_wrapped(f"Claim: {experiment.claim}"))
+    if missing:
+        print(f"Only {len(lines)} of {len(experiment.units)} units are whole: what follows is of these.")
+    troubles, written = [], []
+    folder = store.folder(experiment)
     try:
         tables = experiment.score(lines)
     except Exception as error:
-        if whole:
-            return f"{experiment.name}: no tables: {type(error).__name__}: {cli.one_line(error)}"
-        print(f"no tables of a part of the units ({type(error).__name__}: {cli.one_line(error)})")
-        return None
-    for table in tables:
-        print("\n" + table.plain())
+        troubles.append(f"no tables: {type(error).__name__}: {cli.one_line(error)}")
+    else:
+        for table in tables:
+            print("\n" + table.plain())
+        written.append(folder / "table.md")
+        record.write_atomically(written[0], page(experiment, lines, tables))
     print()
     for text in experiment.deviations:
         print(_wrapped(f"- {text}"))
-    folder = store.folder(experiment)
-    record.write_atomically(folder / "table.md", page(experiment, lines, tables))
-    written, broken = [folder / "table.md"], None
     for name, draw in experiment.figures.items():
         try:
             draw(lines, folder / name)
         except Exception as error:
-            broken = f"{experiment.name}: {name} not drawn: {type(error).__name__}: {cli.one_line(error)}"
+            troubles.append(f"{name} not drawn: {type(error).__name__}: {cli.one_line(error)}")
         else:
             written.append(folder / name)
-    if publish and not whole:
-        print(f"not published: {len(experiment.units) - len(lines)} units are missing")
+    if experiment.serial and sum(e.wall_s for e in lines) > 1.25 * sum(e.cpu_s for e in lines):
+        print("These timings waited for the processor or the disk: other work was going on beside them.")
+    if publish and (missing or troubles):
+        print(f"Not published: {f'{missing} units are missing' if missing else troubles[0]}")
     elif publish:
         written.append(store.publish(experiment, found))
-    print("written: " + ", ".join(map(str, written)))
-    return broken
+    if written:
+        print("Written: " + ", ".join(map(str, written)))
+    if troubles and missing:  # a part of the units need not be enough for every table and figure
+        print("; ".join(troubles))
+    return "; ".join(troubles) if not missing and troubles else None
 
 
 def _wrapped(text: str) -> str:
@@ -192,14 +201,14 @@ def source(experiment: Experiment, lines: Sequence[Line]) -> str:
 def listing(store: Store) -> str:
     """What there is: one line an experiment."""
     rows = []
-    for e in all_experiments.EXPERIMENTS.values():
+    for e in sorted(all_experiments.EXPERIMENTS.values(), key=lambda e: (e.chapter, e.name)):
         committed = store.committed(e)
         here = sum(store.on_disk(e, unit) is not None for unit in e.units if unit.key not in committed)
-        data = ", ".join(e.data) + (" (missing)" if running.lacking(e) else "") if e.data else ""
+        data = ", ".join(name + ("" if running.there(name) else " (missing)") for name in e.data)
         whole = f"{len(committed)} + {here} of {len(e.units)}"
-        rows.append([e.name, e.title, e.section, number(e.cpu_minutes), whole, data])
-    head = ["name", "title", "thesis", "CPU min", "committed + here", "real images"]
-    return Table(head, rows).plain(left=(0, 1, 2, 5))
+        rows.append([e.name, number(e.cpu_minutes), whole, data or "none", e.section, e.title])
+    head = ["name", "CPU min", "committed + here", "real images", "thesis", "title"]
+    return Table(head, rows).plain(left=(0, 3, 4, 5))
 
 
 if __name__ == "__main__":

@@ -208,6 +208,6 @@ def mean_interval(scores: Sequence[float] | np.ndarray | Sequence[np.ndarray]) -
     Args:
         scores: one number per split, image or run; or one array per stratum, drawn again within each.
     """
-    flat = isinstance(scores, np.ndarray) or np.ndim(scores[0]) == 0
+    flat = isinstance(scores, np.ndarray) or not len(scores) or np.ndim(scores[0]) == 0
     strata = [np.asarray(scores, float)] if flat else [np.asarray(table, float) for table in scores]
     return bootstrap_interval(strata, np.random.default_rng(0), mean)

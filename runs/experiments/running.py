@@ -11,7 +11,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,45 +41,32 @@ class Work:
         return f"{self.experiment} {self.unit.key}"
 
 
-@dataclass
-class Plan:
-    """What is to be computed.
-
-    Attributes:
-        experiments: those with something to do, needed ones first.
-        units: what each has to do, by name.
-    """
-
-    experiments: list[Experiment] = field(default_factory=list)
-    units: dict[str, list[Unit]] = field(default_factory=dict)
-
-
-def plan(
+def todo(
     order: Sequence[Experiment], chosen: Sequence[Experiment], only: Sequence[str], store: Store
-) -> Plan:
-    """The units that have no line, and those that they read.
+) -> dict[str, list[Unit]]:
+    """The units that have no line, and those that they read, by experiment.
 
     Args:
-        order: the chosen experiments and all they need, needed ones first.
+        order: the chosen experiments and all they need.
         chosen: experiments that are asked for.
         only: parts of keys; units of the chosen ones that hold none of them are left out.
         store: where lines lie.
     """
     whole = {e.name: store.lines(e) for e in order}
-    wanted: dict[tuple[str, str], None] = {}
+    wanted: set[tuple[str, str]] = set()
 
     def visit(experiment: Experiment, unit: Unit) -> None:
-        if unit.key in whole[experiment.name] or (experiment.name, unit.key) in wanted:
+        key = (experiment.name, unit.key)
+        if unit.key in whole[experiment.name] or key in wanted:
             return
+        wanted.add(key)
         for needed in store.fingerprints.read(experiment, unit):
             visit(*needed)
-        wanted[experiment.name, unit.key] = None
 
     for experiment in chosen:
         for unit in selected(experiment, only):
             visit(experiment, unit)
-    todo = {e.name: [unit for unit in e.units if (e.name, unit.key) in wanted] for e in order}
-    return Plan([e for e in order if todo[e.name]], {name: units for name, units in todo.items() if units})
+    return {e.name: [unit for unit in e.units if (e.name, unit.key) in wanted] for e in order}
 
 
 def selected(experiment: Experiment, only: Sequence[str]) -> list[Unit]:
@@ -87,15 +74,19 @@ def selected(experiment: Experiment, only: Sequence[str]) -> list[Unit]:
     return [unit for unit in experiment.units if not only or any(text in unit.key for text in only)]
 
 
+def there(folder: str) -> bool:
+    """Whether a folder of real images is there."""
+    root = os.environ.get(DATA)
+    return root is not None and (Path(root) / folder).is_dir()
+
+
 def lacking(experiment: Experiment) -> str | None:
     """One line about the real images that an experiment needs and that are not there."""
-    root = os.environ.get(DATA)
-    for folder in experiment.data:
-        if root is None:
-            return f"needs the real images of '{folder}': set {DATA} to the folder that holds them"
-        if not (Path(root) / folder).is_dir():
-            return f"needs the real images of '{folder}', which are not in {DATA} ({root})"
-    return None
+    missing = [folder for folder in experiment.data if not there(folder)]
+    if not missing:
+        return None
+    found = f"it is {os.environ[DATA]}" if os.environ.get(DATA) else "it is not set"
+    return f"needs real images: set {DATA} to a folder that holds {' and '.join(missing)} ({found})"
 
 
 def ready(experiment: Experiment, units: Sequence[Unit], store: Store) -> tuple[list[Unit], list[str]]:
