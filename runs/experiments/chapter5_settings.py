@@ -27,9 +27,10 @@ OPTIMISERS: dict[str, dict[str, Any]] = {
     "inertia 0.9 to 0.4, clipped (ours)": {"inertia": [0.9, 0.4], "outside": "clip"},
 }
 MODELS: dict[str, dict[str, Any]] = {
-    f"{size} size, {passes} round{'s' * (passes > 1)}": {"resolution": share, "passes": passes, "surround": 7}
-    for size, share in (("quarter", 0.25), ("half", 0.5))
-    for passes in (1, 2, 3)
+    "quarter size, 1 round (ours)": {"resolution": 0.25, "passes": 1, "surround": 7},
+    "quarter size, 2 rounds": {"resolution": 0.25, "passes": 2, "surround": 7},
+    "quarter size, 3 rounds": {"resolution": 0.25, "passes": 3, "surround": 7},
+    "half size, 1 round": {"resolution": 0.5, "passes": 1, "surround": 7},
 }
 FULL: dict[str, Any] = {"particles": 300, "iterations": 40, "inertia": 0.9}
 SMALL: dict[str, Any] = {"particles": 60, "iterations": 20, "inertia": [0.9, 0.4]}
@@ -206,7 +207,7 @@ EXPERIMENTS = [
         compute=compute,
         score=score,
         deviations=("On crops that no other experiment scores; the settings of all were chosen here.",),
-        cpu_minutes=20,
+        cpu_minutes=8,
         data=("gtsdb",),
     ),
     Experiment(

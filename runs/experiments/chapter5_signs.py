@@ -19,7 +19,7 @@ from runs.experiments.looking import DRAWN, FOLDS, GRONINGEN, GTSDB, MODEL, SEAR
 from runs.statistics import Estimate
 
 SPLITS, LIMIT_SPLITS = 10, 5
-LIMITS = (10, 14, 18, 22, 26, 30, 36, 44)
+LIMITS = (10, 14, 18, 24, 32, 44)
 
 # Detection rate % and hit number of the thesis's test sets, averages over its five targets.
 THESIS = {
@@ -252,7 +252,7 @@ EXPERIMENTS = [
         compute=compute,
         score=score_limits,
         deviations=_DEVIATIONS,
-        cpu_minutes=40,
+        cpu_minutes=25,
         data=("gtsdb",),
         figures={"rate-by-limit.png": lambda lines, path: draw_limits(_curves(lines), path)},
     ),
