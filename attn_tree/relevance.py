@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
@@ -132,16 +132,16 @@ def look_within(
     gains: Gains | None = None,
     n: int = 3,
     inhibition_radius: float = 30,
-    resolution: float = 1.0,
-    surround: int = 7,
+    **settings: Any,
 ) -> np.ndarray:
     """The first `n` places to look at within a rectangle, reading nothing else.
 
     Args:
         image: `(H, W, 3)` or `(H, W)` uint8, or a retina on it.
         rectangle: left, top, right, bottom, pixels, as `RelevanceMap.rectangle` gives it.
-        gains, resolution, surround: as for `saliency_map`.
+        gains: weights of the saliency model; None for all ones.
         n, inhibition_radius: as for `fixations`, pixels of the image.
+        settings: further arguments of `saliency_map`, such as resolution.
 
     Returns:
         `(m, 2)` float64, (x, y) in pixels of the whole image; m < n if nothing salient is left.
@@ -152,7 +152,7 @@ def look_within(
     left, top, right, bottom = rectangle
     retina = image if isinstance(image, Retina) else Retina(image)
     part = retina.region(left, top, right, bottom)
-    saliency = saliency_map(part, gains, resolution=resolution, surround=surround)
+    saliency = saliency_map(part, gains, **settings)
     places = fixations(saliency, n, inhibition_radius, size=(part.width, part.height))
     return places + np.array([left, top])
 

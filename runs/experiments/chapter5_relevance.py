@@ -42,9 +42,7 @@ def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     """Hit numbers and cold milliseconds on held-out scenes, whole and within rectangles."""
     from attn_tree.clpso import CLPSOSettings
     from attn_tree.gains import SaliencySettings, learn_gains
-    from attn_tree.relevance import Rectangle, relevance_map
-    from attn_tree.vision.retina import Retina
-    from attn_tree.vision.saliency import saliency_maps
+    from attn_tree.relevance import Rectangle, look_within, relevance_map
 
     settings = unit.settings
     train, test = _scenes(settings["target"], settings["split"])
@@ -59,9 +57,7 @@ def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     )
 
     def look(image: np.ndarray, part: Rectangle) -> np.ndarray:
-        region = Retina(image).region(*part)
-        maps = saliency_maps(region, learned.gains, **asdict(saliency))
-        return maps.fixations(FIXATIONS, HIT) + np.array(part[:2])
+        return look_within(image, part, learned.gains, FIXATIONS, HIT, **asdict(saliency))
 
     whole = Rectangle(0, 0, *SIZE)
     seen = {
