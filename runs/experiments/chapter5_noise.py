@@ -18,7 +18,7 @@ from runs.experiments.looking import FIXATIONS, FOLDS, GRONINGEN, GTSDB, HIT, MO
 
 SPLITS = 5
 CLEAN = "none"
-NOISES = (CLEAN, "gaussian", "salt and pepper", "speckle", "motion blur")
+NOISES = (CLEAN, "Gaussian", "salt and pepper", "speckle", "motion blur")
 METHODS = ("template, one", "templates, all 10", "basic", "revised", "learned")
 MOST = 20  # test images of a split that are disturbed; images of a split whose cold times are taken
 
