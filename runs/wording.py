@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from runs.statistics import Estimate
@@ -16,22 +17,28 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{digits}g}"
 
 
-def estimate(value: Estimate | None) -> str:
-    """A figure with its interval, or without where all seeds agree."""
+def estimate(value: Estimate | None, shown: Callable[[float], str] = number) -> str:
+    """A figure with its interval, or without where all seeds agree; `shown` writes the numbers."""
     if value is None:
         return "–"
     if value.low == value.high:
-        return number(value.value)
-    return f"{number(value.value)} [{number(value.low)}, {number(value.high)}]"
+        return shown(value.value)
+    return f"{shown(value.value)} [{shown(value.low)}, {shown(value.high)}]"
 
 
-def table_cell(value: Any) -> str:
-    """A cell of a table: text as it is, numbers and estimates in words."""
+def table_cell(value: Any, decimals: int | None = None) -> str:
+    """A cell of a table: text as it is, numbers and estimates in words.
+
+    Args:
+        value: text, a number, an estimate or None.
+        decimals: digits after the point; three significant digits if not given.
+    """
+    shown = number if decimals is None else f"{{:,.{decimals}f}}".format
     if isinstance(value, str):
         return value
     if value is None or isinstance(value, Estimate):
-        return estimate(value)
-    return number(float(value))
+        return estimate(value, shown)
+    return shown(float(value))
 
 
 def markdown_cell(text: Any) -> str:

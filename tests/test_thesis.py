@@ -18,6 +18,7 @@ from runs import cli, experiments, pages, parallel, thesis
 from runs.experiments import running
 from runs.experiments.experiment import Experiment, Table, Unit, mean_interval
 from runs.experiments.store import Fingerprints, Store
+from runs.statistics import Estimate
 
 
 @pytest.fixture
@@ -174,6 +175,15 @@ def test_names(run: Any) -> None:
         Fingerprints(toys := toy(bad={1}))(toys["squares"], toys["squares"].units[0])
     with pytest.raises(ValueError, match="under 1 columns"):
         Table(["a"], [["b", "c"]])
+
+
+def test_tables_are_readable() -> None:
+    table = Table(["name", "rate %"], [["a", 7.0], ["b", Estimate(1234.56, 0, 2e4)], ["c", None]], "Rates.")
+    assert table.cells() == [["a", "7"], ["b", "1,235 [0, 20,000]"], ["c", "–"]]
+    exact = replace(table, decimals={"rate %": 1})
+    assert exact.cells() == [["a", "7.0"], ["b", "1,234.6 [0.0, 20,000.0]"], ["c", "–"]]
+    assert table.markdown().splitlines()[:4] == ["Rates.", "", "| name | rate % |", "|---|--:|"]
+    assert {len(line) for line in table.plain().splitlines()[1:]} == {len("name  1,235 [0, 20,000]")}
 
 
 def test_pages_are_filled_from_committed_lines(

@@ -116,20 +116,25 @@ class Table:
         head: names of the columns.
         rows: one cell per column; `None` is shown as a dash.
         caption: a sentence above the table.
+        decimals: digits after the point by name of column; three significant digits elsewhere.
     """
 
     head: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     caption: str = ""
+    decimals: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.head):
                 raise ValueError(f"a row of {len(row)} cells under {len(self.head)} columns: {list(row)}")
+        if unknown := set(self.decimals) - set(self.head):
+            raise ValueError(f"decimals of a column that is not there: {sorted(unknown)[0]}")
 
     def cells(self) -> list[list[str]]:
         """The rows as text."""
-        return [[table_cell(cell) for cell in row] for row in self.rows]
+        digits = [self.decimals.get(name) for name in self.head]
+        return [[table_cell(cell, d) for cell, d in zip(row, digits, strict=True)] for row in self.rows]
 
     def markdown(self) -> str:
         """The table in Markdown, the first column to the left and the others to the right."""

@@ -138,7 +138,8 @@ def run(experiment: Experiment, units: Sequence[Unit], store: Store, workers: in
     waiting = [Work(experiment.name, unit) for unit in units]
     each = experiment.cpu_minutes * 60 / max(1, len(experiment.units))
     with Progress(len(waiting), waiting, workers, _kinds, lambda _: each, "units") as progress:
-        progress.say(f"{experiment.name}: {len(waiting)} units to compute, about {progress.left()}")
+        count = "1 unit" if len(waiting) == 1 else f"{len(waiting)} units"
+        progress.say(f"{experiment.name}: {count} to compute, about {progress.left()}")
         return parallel.work_through(
             waiting,
             lambda works: parallel.side_by_side([call(work) for work in works], workers),
