@@ -55,10 +55,10 @@ def _noise(*shape: int) -> np.ndarray:
 def test_what_it_adds_is_what_saliency_gives(shape: tuple[int, ...]) -> None:
     images = _noise(2, *shape)
     gains = Gains(scales=(0, 1, 1, 0, 0, 0))
-    env = SaliencyObservation(Slides(images), gains, resolution=0.5, places=2, inhibition_radius=8)
+    env = SaliencyObservation(Slides(images), gains, resolution=0.5, places=2, inhibition_radius=8, passes=2)
     for image, (seen, *_) in zip(images, (env.reset(), env.step(0)), strict=True):
         plain = image[..., 0] if shape[-1] == 1 else image
-        saliency = saliency_map(plain, gains, resolution=0.5)
+        saliency = saliency_map(plain, gains, resolution=0.5, passes=2)
         np.testing.assert_array_equal(seen["image"], image)
         np.testing.assert_allclose(seen["saliency"][..., 0], 255 * saliency / saliency.max(), atol=0.51)
         x, y = fixations(saliency, 2, 8, size=(60, 40)).T

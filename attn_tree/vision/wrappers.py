@@ -22,6 +22,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
+from .competition import PASSES
 from .retina import Retina, meter, metering
 from .saliency import Gains, fixations, saliency_map
 
@@ -45,7 +46,8 @@ class SaliencyObservation(gym.ObservationWrapper, RecordConstructorArgs):
     Args:
         env: its observations are images, `(H, W, 3)`, `(H, W, 1)` or `(H, W)` uint8.
         gains: top-down weights, or a vector of all 16; None for bottom-up saliency.
-        resolution, surround: as for `saliency_map`; learned gains go with those they were learned at.
+        resolution, surround, passes: as for `saliency_map`; learned gains go with those they were learned
+            with.
         places: b.
         inhibition_radius: distance in pixels below which a place counts as seen already;
             None for a twelfth of the image's longer side.
@@ -64,6 +66,7 @@ class SaliencyObservation(gym.ObservationWrapper, RecordConstructorArgs):
         places: int = 3,
         inhibition_radius: float | None = None,
         memory: float = 64,
+        passes: int = PASSES,
     ) -> None:
         image = _image_space(env)
         height, width = image.shape[:2]
@@ -84,9 +87,10 @@ class SaliencyObservation(gym.ObservationWrapper, RecordConstructorArgs):
             places=places,
             inhibition_radius=inhibition_radius,
             memory=memory,
+            passes=passes,
         )
         super().__init__(env)
-        self.gains, self.resolution, self.surround = gains, resolution, surround
+        self.gains, self.resolution, self.surround, self.passes = gains, resolution, surround, passes
         self.places, self.inhibition_radius = places, radius
         # Worked out once, so that mistakes show here and the space is what comes. It is no observation:
         # a meter of its own keeps it out of any other.
@@ -122,7 +126,9 @@ class SaliencyObservation(gym.ObservationWrapper, RecordConstructorArgs):
     def _look(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Saliency `(h, w, 1)` uint8 and places `(b, 2)` float32."""
         retina = Retina(image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image)
-        saliency = saliency_map(retina, self.gains, resolution=self.resolution, surround=self.surround)
+        saliency = saliency_map(
+            retina, self.gains, resolution=self.resolution, surround=self.surround, passes=self.passes
+        )
         size = retina.width, retina.height
         found = fixations(saliency, self.places, self.inhibition_radius, size=size)
         places = np.zeros((self.places, 2), np.float32)
