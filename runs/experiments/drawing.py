@@ -6,22 +6,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from attn_tree.vision.weights import CHANNELS, DIMENSIONS, SCALES
 from envs.search_arrays import SET_SIZES
 from runs.statistics import Estimate
 
-_LABELS = (
-    *CHANNELS,
-    *(f"{name}°" if name.isdigit() else name for name in DIMENSIONS),
-    *(f"s{i}" for i in range(SCALES)),
-)
 _BARS = ("#4c72b0",) * 3 + ("#55a868",) * 7 + ("#c44e52",) * 6
+
+
+def _labels() -> tuple[str, ...]:
+    from attn_tree.vision.weights import CHANNELS, DIMENSIONS, SCALES
+
+    dimensions = (f"{name}°" if name.isdigit() else name for name in DIMENSIONS)
+    return (*CHANNELS, *dimensions, *(f"s{i}" for i in range(SCALES)))
 
 
 def draw_convergence(histories: Mapping[str, Sequence[Sequence[float]]], path: Path) -> None:
     """Best value by move of the swarm: mean and range over splits, relative to the random start's."""
+    from matplotlib.figure import Figure  # the package is cheap to import, drawing is not
+
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = figure.subplots()
     for name, runs in histories.items():
@@ -42,6 +44,8 @@ def draw_convergence(histories: Mapping[str, Sequence[Sequence[float]]], path: P
 
 def draw_weights(vectors: Mapping[str, Sequence[Sequence[float]]], path: Path) -> None:
     """The 16 weights of each target: mean over splits as bars, each split as a dot; off is 0."""
+    from matplotlib.figure import Figure
+
     rows = -(-len(vectors) // 2)
     figure = Figure(figsize=(9, 1.75 * rows), layout="constrained")
     grid = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
@@ -54,7 +58,7 @@ def draw_weights(vectors: Mapping[str, Sequence[Sequence[float]]], path: Path) -
         axes.plot(spread.T, weights.T, ".", color="black", markersize=1.8, alpha=0.5)
         axes.axhline(1, color="grey", linewidth=0.8, linestyle="--")
         axes.set_title(name, fontsize=8, pad=3)
-        axes.set_xticks(np.arange(16), _LABELS, fontsize=7)
+        axes.set_xticks(np.arange(16), _labels(), fontsize=7)
         axes.tick_params(axis="y", labelsize=7)
         axes.spines[["top", "right"]].set_visible(False)
     figure.supylabel("weight; dashed: α, below which it is off", fontsize=8)
@@ -63,6 +67,8 @@ def draw_weights(vectors: Mapping[str, Sequence[Sequence[float]]], path: Path) -
 
 def draw_limits(curves: Mapping[str, Mapping[int, np.ndarray]], path: Path) -> None:
     """Rate by limit, one line per target and a thick one for their mean."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = figure.subplots()
     for name, rates in curves.items():
@@ -80,6 +86,8 @@ def draw_limits(curves: Mapping[str, Mapping[int, np.ndarray]], path: Path) -> N
 
 def draw_curves(curves: Mapping[str, Mapping[str, Sequence[Estimate]]], path: Path) -> None:
     """Fixations needed against set size: one panel for all weights one, one for learned ones."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(7.2, 3.2), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, name, title in zip(
