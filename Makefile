@@ -5,7 +5,7 @@ SEEDS ?=
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: install compare gridworld report test lint types check docs clean
+.PHONY: install compare gridworld thesis report test lint types check docs clean
 
 install: .venv/installed
 
@@ -19,6 +19,9 @@ compare: install  ## the smoke study: every method on one gridworld of photograp
 
 gridworld: install  ## the study whose scores are committed under runs/results
 	$(BIN)/python -m runs.compare --study gridworld --out out/gridworld
+
+thesis: install  ## figures and tables of the thesis, from the committed scores where they are
+	$(BIN)/python -m runs.thesis all
 
 report: install
 	$(BIN)/python -m runs.report out/smoke

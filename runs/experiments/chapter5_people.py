@@ -16,7 +16,7 @@ from runs.experiments.experiment import Experiment, Line, Lines, Table, Unit, me
 
 BATCHES = 10  # units, so that the work can go on where it stopped
 BLURS = (0.0, 0.02, 0.04)  # standard deviations as shares of the image's width
-NAMES = ("revised", "basic", "spectral residual", "centre prior")
+NAMES = ("revised", "revised, one round of N", "basic", "spectral residual", "centre prior")
 FIGURES = ("auc", "shuffled_auc", "nss")
 
 
@@ -37,7 +37,10 @@ def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
         others = others[rng.permutation(len(others))[: 10 * len(each.fixations)]]
         height, width = each.image.shape[:2]
         maps = {
-            "revised": saliency_map(each.image, **unit.settings["model"]),
+            "revised": saliency_map(each.image, resolution=unit.settings["resolution"]),
+            "revised, one round of N": saliency_map(
+                each.image, resolution=unit.settings["resolution"], passes=1
+            ),
             "basic": saliency_map(each.image, model="basic"),
             "spectral residual": spectral_residual(each.image),
             "centre prior": gaze.center_prior((height, width)),
@@ -79,7 +82,7 @@ EXPERIMENTS = [
         units=[
             Unit(
                 f"batch-{batch}",
-                {"batch": batch, "model": {"resolution": 0.5, "passes": 3}, "blurs": list(BLURS)},
+                {"batch": batch, "resolution": 0.5, "blurs": list(BLURS)},
             )
             for batch in range(BATCHES)
         ],
