@@ -22,11 +22,10 @@ FIGURES = ("auc", "shuffled_auc", "nss")
 
 def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     """The three figures of each image of a batch, by map and blur."""
-    from envs.gaze_data import osie
-
     from attn_tree.vision import gaze
     from attn_tree.vision.saliency import saliency_map
     from baselines import spectral_residual
+    from envs.gaze_data import osie
 
     images = osie()
     batch = images[unit.settings["batch"] :: BATCHES]
