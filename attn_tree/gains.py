@@ -14,9 +14,11 @@ Weights not above α = 1 are off: what they stand for is neither computed nor pa
 
 Deviations: (1) in eq. 5.8 the pixel is ours: at distance 0 the printed product forgets the cost;
 (2) weights are feasible only with a channel, one of its dimensions and a scale on, or all off would be the
-global minimum; (3) where an image holds several targets the nearest counts; (4) an image without any
-salient place counts as its diagonal, the worst distance there is; (5) of N's rescaling, about 11 of
-the 16 weights are identifiable: different runs end with different weights for the same places.
+global minimum; (3) weights dearer than the limit are worse than all others, as printed, and the dearer the
+worse, or a swarm that starts beyond a low limit would never find its way below; (4) where an image holds
+several targets the nearest counts; (5) an image without any salient place counts as its diagonal, the
+worst distance there is; (6) of N's rescaling, about 11 of the 16 weights are identifiable: different runs end
+with different weights for the same places.
 
 An evaluation stops as soon as a particle cannot become its own best any more, which changes no
 result (tested), and evaluations run in threads, in fixed groups: the result does not
@@ -51,6 +53,7 @@ Objective = Literal["distance", "cost"]
 
 LOW, HIGH = 0.0, 6.0  # range of a weight (table 5.1)
 _GROUP = 25  # particles evaluated together
+_DEAR = 1e9  # value of weights beyond the limit, more than any distance times cost
 _FORMAT = "attn_tree gains 1"
 
 
@@ -158,7 +161,8 @@ def learn_gains(
             bar.update(resume.iteration + 1 if resume else 0)
 
             def after_move(swarm: Swarm) -> None:
-                bar.set_postfix_str(f"best {swarm.value:.2f}", refresh=False)
+                best = f"best {swarm.value:.2f}" if swarm.value < _DEAR else "over the limit"
+                bar.set_postfix_str(best, refresh=False)
                 bar.update()
                 if checkpoint is not None:
                     meta, arrays = swarm.state()
@@ -174,7 +178,7 @@ def learn_gains(
                 callback=after_move,
                 resume=resume,
             )
-    if not np.isfinite(swarm.value):
+    if swarm.value >= _DEAR:
         raise ValueError(f"no weights within the limit of {limit} were found; raise the limit")
     return LearnedGains(
         gains=Gains.from_vector(swarm.x, alpha),
@@ -219,9 +223,10 @@ class _Fitness:
         vectors = np.where(positions > self._alpha, positions, 0.0)
         costs = (vectors > 0) @ np.array(COSTS)
         feasible = [Gains.from_vector(vector).feasible for vector in vectors]
-        values = np.where(np.array(feasible) & (costs <= self._limit), 0.0, np.inf)
+        values = np.where(costs <= self._limit, 0.0, _DEAR + costs)
+        values[~np.array(feasible)] = np.inf
         sums = np.zeros(len(vectors))
-        alive = np.flatnonzero(values < bounds)
+        alive = np.flatnonzero(values < np.minimum(bounds, _DEAR))
         for winners, distances in zip(self._winners, self._distances, strict=True):
             sums[alive] += distances[winners(vectors[alive])]
             values[alive] = self._value(sums[alive], costs[alive])

@@ -255,6 +255,7 @@ EXPERIMENTS = [
         cpu_minutes=25,
         data=("gtsdb",),
         figures={"rate-by-limit.png": lambda lines, path: draw_limits(_curves(lines), path)},
+        version=2,
     ),
 ]
 
