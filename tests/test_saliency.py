@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -13,10 +14,10 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from skimage import data
 
-from attn_tree.vision import pyramid
+from attn_tree.vision import pyramid, separable
 from attn_tree.vision.competition import normalize
 from attn_tree.vision.retina import Retina, meter
-from attn_tree.vision.saliency import Gains, fixations, saliency_map, saliency_maps
+from attn_tree.vision.saliency import Gains, SaliencyMaps, fixations, saliency_map, saliency_maps
 from attn_tree.vision.weights import CHANNEL_OF, CHANNELS, COSTS, DIMENSIONS
 from baselines.spectral_residual import spectral_residual
 
@@ -242,6 +243,7 @@ def test_what_is_off_is_not_computed(on: list[bool]) -> None:
         return original(image, depth, along_x, along_y, **kwargs)
 
     with pytest.MonkeyPatch.context() as patch, meter() as cost:
+        patch.setattr(separable, "_SMALL", 0)  # all by OpenCV, map by map
         patch.setattr(pyramid.cv2, "sepFilter2D", recorded)
         maps = saliency_maps(PHOTOGRAPH, gains)
     assert cost.operations["filter_taps"] == sum(taps for *_, taps in calls)
@@ -258,6 +260,35 @@ def test_what_is_off_is_not_computed(on: list[bool]) -> None:
     planes = {"I" if CHANNEL_OF[name] in "IO" else name for name in dimensions}
     assert sum(taps == 5 for _, taps, _ in calls) == len(planes) * max(scales)
     assert set(maps.features) == set(dimensions)
+    check_products(gains, maps, cost.operations, gabors, len(planes))
+
+
+def check_products(
+    gains: Gains, expected: SaliencyMaps, operations: Counter[str], gabors: int, planes: int
+) -> None:
+    """Small maps, by products of matrices: as many filters and halvings, the same ledger, the same maps."""
+    made: Counter[tuple[tuple[int, ...], tuple[int, ...]]] = Counter()
+    original = separable.between
+
+    def recorded(matrices, maps, out=None):  # type: ignore[no-untyped-def]
+        result = original(matrices, maps, out)
+        made[maps.shape[-2:], result.shape[-2:]] += len(result)
+        return result
+
+    with pytest.MonkeyPatch.context() as patch, meter() as cost:
+        patch.setattr(separable, "between", recorded)
+        patch.setattr(pyramid, "between", recorded)
+        found = saliency_maps(PHOTOGRAPH, gains)
+    assert cost.operations == operations
+    np.testing.assert_allclose(found.saliency, expected.saliency, atol=1e-4 * expected.saliency.max())
+    dimensions, scales = len(gains.active_dimensions), gains.active_scales
+    shapes = pyramid.level_shapes(PHOTOGRAPH.shape, 6)
+    for level in range(1, 6):  # scale 0 is not small
+        filtered = (dimensions + gabors) * (level in scales)
+        assert made[shapes[level], shapes[level]] == filtered
+        if level > 1:
+            assert made[shapes[level - 1], shapes[level]] == planes * (level <= max(scales))
+            assert made[shapes[level], shapes[level - 1]] == dimensions * (level <= max(scales))
 
 
 def test_what_a_map_reads() -> None:

@@ -26,14 +26,16 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from .workspace import aligned
+from .separable import between, product
+from .workspace import aligned, parts
 
 PASSES = 3
 EXCITATION, INHIBITION = 0.5**2, 1.5**2
 EXCITATION_WIDTH, INHIBITION_WIDTH = 0.02, 0.25  # standard deviations as shares of the larger side
 GLOBAL_INHIBITION = 0.02  # share of the maximum
 _TOLERANCE = 2e-2  # cosines of which less is left are dropped
-_ONE_THREAD = 1_000_000  # multiply–accumulates
+_FAINTEST = float(np.finfo(np.float32).tiny)  # whose reciprocal is finite
+_FEW_ROWS = 100  # of which OpenCV's product, which adds in place, is slow
 _THIN = 16  # sides, pixels, below which a map is not halved
 _COARSEST = 2.9  # least standard deviation of the excitation, in coarse pixels
 
@@ -41,34 +43,44 @@ _COARSEST = 2.9  # least standard deviation of the excitation, in coarse pixels
 def normalize(
     values: np.ndarray, passes: int = PASSES, least: float = 0.0, out: np.ndarray | None = None
 ) -> np.ndarray:
-    """N(M) of a map.
+    """N(M) of a map, or of each of a stack of maps.
 
     Args:
-        values: `(H, W)` float32, not negative.
+        values: `(H, W)` or `(n, H, W)` float32, not negative.
         passes: rounds of competition.
         least: a map whose maximum is not above this is empty.
         out: where to put the result, `values` itself if you like; contiguous.
 
     Returns:
-        `(H, W)` float32, not negative; zeros if `values` are empty.
+        An array like `values`, not negative; zeros for maps that are empty.
     """
-    peak = float(values.max())
     result = aligned(values.shape) if out is None else out
     if result.dtype != np.float32 or not result.flags.c_contiguous:
         raise ValueError(f"the result must be contiguous float32, not {result.dtype}; leave out=None")
-    if peak <= max(least, 0):
-        result[:] = 0
-        return result
     if result is not values:
         np.copyto(result, values)
-    difference = difference_of_gaussians(values.shape)
-    for i in range(passes):
-        scale = 1.0 if i else 1 / peak
-        if i:
-            peak = float(result.max())
-        difference.add_to(result, -GLOBAL_INHIBITION * peak, scale)
-        cv2.threshold(result, 0, 0, cv2.THRESH_TOZERO, dst=result)
+    maps = result[None] if result.ndim == 2 else result
+    for part in parts(maps):
+        _compete(maps[part], passes, max(least, _FAINTEST))
     return result
+
+
+def _compete(maps: np.ndarray, passes: int, least: float) -> None:
+    """N(·) of a stack of maps, in place."""
+    n, height, width = maps.shape
+    flat, tall = maps.reshape(n, -1), maps.reshape(-1, width)
+    peaks = flat.max(axis=1)
+    some = peaks > least
+    if not some.any():
+        maps[:] = 0
+        return
+    scales: np.ndarray | None = np.divide(1, peaks, out=np.zeros_like(peaks), where=some)
+    difference = difference_of_gaussians((height, width))
+    for i in range(passes):
+        if i:
+            peaks, scales = flat.max(axis=1), None
+        difference.add_to(maps, -GLOBAL_INHIBITION * peaks, scales)
+        cv2.threshold(tall, 0, 0, cv2.THRESH_TOZERO, dst=tall)
 
 
 class DifferenceOfGaussians:
@@ -106,34 +118,25 @@ class DifferenceOfGaussians:
         up = np.ascontiguousarray(self._up[:, :-1])
         return self._down, self._along, self._response, up, self._across
 
-    def add_to(self, values: np.ndarray, constant: float = 0.0, scale: float = 1.0) -> None:
-        """values ← scale · (values + their convolution + constant), `(H, W)` float32, in place."""
-        coarse = values
+    def add_to(self, maps: np.ndarray, constants: np.ndarray, scales: np.ndarray | None = None) -> None:
+        """map ← scale · (map + its convolution + constant), for each of `(n, H, W)` float32, in place."""
+        n, height, width = maps.shape
+        coarse = maps
         for _ in range(self.halvings):
             coarse = halve(coarse)
-        amplitudes = _product(_product(self._down, coarse), self._along)
+        amplitudes = between((self._down, self._along), coarse)
         amplitudes *= self._response
-        rows = aligned((self._up.shape[1], values.shape[1]))
-        _product(amplitudes, self._across, out=rows[:-1])
-        rows[-1] = constant
-        if len(values) >= 100:  # below that OpenCV's product is slow
-            cv2.gemm(self._up, rows, scale, values, scale, dst=values)
-        else:
-            values += _product(self._up, rows)
-            values *= np.float32(scale)
-
-
-def _product(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    """a @ b in pieces that OpenBLAS leaves to one thread.
-
-    Its default threads wait for each other: beside another busy process they make a product of
-    0.3 ms take 20. The large product is OpenCV's for the same reason, and because that adds in place.
-    """
-    result = aligned((len(a), b.shape[1])) if out is None else out
-    step = max(_ONE_THREAD // a.size, 1)
-    for start in range(0, b.shape[1], step):
-        np.matmul(a, b[:, start : start + step], out=result[:, start : start + step])
-    return result
+        rows = aligned((n, self._up.shape[1], width))
+        product(amplitudes, self._across, rows[:, :-1])
+        rows[:, -1] = constants[:, None]
+        if height < _FEW_ROWS:
+            maps += product(self._up, rows)
+            if scales is not None:
+                maps *= scales[:, None, None]
+            return
+        for i, one in enumerate(maps):
+            scale = 1.0 if scales is None else float(scales[i])
+            cv2.gemm(self._up, rows[i], scale, one, scale, dst=one)
 
 
 @lru_cache(maxsize=64)
@@ -182,7 +185,15 @@ def _averaging(n: int) -> np.ndarray:
 
 
 def halve(values: np.ndarray) -> np.ndarray:
-    """`_averaging` along both axes; fast for odd sides too, where resizing to the nearest size is not."""
+    """`_averaging` along both axes of a map, or of each of a stack of maps.
+
+    Fast for odd sides too, where resizing to the nearest size is not.
+    """
+    if values.ndim == 3:
+        n, rows, columns = values.shape
+        if rows % 2:
+            return np.stack([halve(each) for each in values])
+        return halve(values.reshape(n * rows, columns)).reshape(n, rows // 2, -1)  # as one tall map
     rows, columns = values.shape
     h, w = rows // 2, columns // 2
     if 2 * h == rows and 2 * w == columns:

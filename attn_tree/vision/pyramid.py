@@ -25,13 +25,14 @@ Where the thesis is silent or wrong:
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Literal
 
 import cv2
 import numpy as np
 
-from .workspace import Workspace
+from .separable import Matrices, between, filter_matrices, filtered, matrix, pairs, resized, small
+from .workspace import Workspace, parts
 
 Polarity = Literal["both", "printed"]
 Yellow = Literal["itti", "printed"]
@@ -46,6 +47,7 @@ def planes(
     wanted: Collection[str] = ("RG", "BY", "I"),
     yellow: Yellow = "itti",
     work: Workspace | None = None,
+    out: Sequence[np.ndarray] | np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """What the pyramids are built of, `(H, W)` float32 each.
 
@@ -54,9 +56,10 @@ def planes(
 
     Args:
         image: `(H, W, 3)` uint8; `(H, W)` for "I" alone.
+        out: where to put them, in the order of `wanted`.
     """
     work = work or Workspace()
-    maps = {name: work.empty(image.shape[:2]) for name in wanted}
+    maps = dict(zip(wanted, _places(out, len(wanted), image.shape[:2], work), strict=True))
     if image.ndim == 2:
         for plane in maps.values():
             np.copyto(plane, image)
@@ -91,6 +94,13 @@ def planes(
     return maps
 
 
+def _places(
+    out: Sequence[np.ndarray] | np.ndarray | None, maps: int, shape: tuple[int, ...], work: Workspace
+) -> Sequence[np.ndarray] | np.ndarray:
+    """Where results go: to `out`, or to arrays lent."""
+    return [work.empty(shape) for _ in range(maps)] if out is None else out
+
+
 def _views(shape: tuple[int, ...], dtype: type, arrays: int, work: Workspace) -> Iterator[np.ndarray]:
     """Arrays of a smaller type in the memory of `arrays` lent ones."""
     per_array = 4 // np.dtype(dtype).itemsize
@@ -114,13 +124,30 @@ def gaussian_pyramid(image: np.ndarray, levels: int, work: Workspace | None = No
     work = work or Workspace()
     pyramid = [image]
     for shape in level_shapes(image.shape, levels)[1:]:
-        half = work.empty(shape)
-        with work.scope():
-            work.count(filter_taps=2 * len(_BINOMIAL) * pyramid[-1].size)
-            smooth = work.empty(pyramid[-1].shape)
-            cv2.sepFilter2D(pyramid[-1], -1, _BINOMIAL, _BINOMIAL, dst=smooth)
-        pyramid.append(cv2.resize(smooth, shape[::-1], dst=half, interpolation=cv2.INTER_LINEAR))
+        pyramid.append(half(pyramid[-1], work.empty(shape), work))
     return pyramid
+
+
+def half(maps: np.ndarray, out: np.ndarray, work: Workspace) -> np.ndarray:
+    """The next level of a pyramid `(H, W)`, or of several `(n, H, W)`, float32, into `out`."""
+    work.count(filter_taps=2 * len(_BINOMIAL) * maps.size)
+    if small(maps.shape):
+        return between(_halving_matrices(maps.shape[-2:]), maps, out)
+    with work.scope():
+        smooth = work.empty(maps.shape[-2:])
+        for image, result in pairs(maps, out):
+            cv2.sepFilter2D(image, -1, _BINOMIAL, _BINOMIAL, dst=smooth)
+            cv2.resize(smooth, result.shape[::-1], dst=result, interpolation=cv2.INTER_LINEAR)
+    return out
+
+
+@lru_cache(maxsize=64)
+def _halving_matrices(shape: tuple[int, int]) -> Matrices:
+    def along(n: int) -> np.ndarray:
+        blur = matrix(n, lambda eye: cv2.sepFilter2D(eye, -1, np.ones(1, np.float32), _BINOMIAL))
+        return cv2.resize(blur, (n, (n + 1) // 2), interpolation=cv2.INTER_LINEAR)
+
+    return along(shape[0]), np.ascontiguousarray(along(shape[1]).T)
 
 
 def level_shapes(shape: Sequence[int], levels: int) -> list[tuple[int, int]]:
@@ -132,11 +159,10 @@ def level_shapes(shape: Sequence[int], levels: int) -> list[tuple[int, int]]:
 
 
 def enlarge(image: np.ndarray, shape: tuple[int, int], work: Workspace | None = None) -> np.ndarray:
-    """`image` interpolated bilinearly to `shape` (rows, columns); itself if it has that shape."""
-    if image.shape == shape:
+    """Maps interpolated bilinearly to `shape` (rows, columns); themselves if they have that shape."""
+    if image.shape[-2:] == shape:
         return image
-    result = (work or Workspace()).empty(shape)
-    return cv2.resize(image, shape[::-1], dst=result, interpolation=cv2.INTER_LINEAR)
+    return resized(image, (work or Workspace()).empty((*image.shape[:-2], *shape)))
 
 
 def collapse(
@@ -148,40 +174,62 @@ def collapse(
     """Σ_s weight_s · map_s at the size of level 0, enlarged level by level (eq. 5.3 before N).
 
     Args:
-        maps: by level, only those that have a part in the sum; at least one.
+        maps: by level, only those that have a part in the sum, at least one; `(h, w)` or `(n, h, w)`.
         weights: one for each level.
         shape: rows and columns of level 0.
 
     Returns:
-        A new map, none of `maps`.
+        New maps, none of `maps`.
     """
     work, coarsest = work or Workspace(), max(maps)
     total = work.empty(maps[coarsest].shape)
     np.multiply(maps[coarsest], np.float32(weights[coarsest]), out=total)
     for level, finer in reversed(list(enumerate(level_shapes(shape, coarsest + 1)[:-1]))):
-        total = enlarge(total, finer, work)
-        if level in maps:
-            cv2.scaleAdd(maps[level], float(weights[level]), total, dst=total)
+        coarse, total = total, work.empty((*total.shape[:-2], *finer))
+        for part in parts(total):
+            fine = resized(coarse[part], total[part])
+            if level in maps:
+                cv2.scaleAdd(tall(maps[level][part]), float(weights[level]), tall(fine), dst=tall(fine))
     return total
 
 
+def tall(maps: np.ndarray) -> np.ndarray:
+    """A stack of maps as one tall map, which OpenCV takes in one call."""
+    return maps.reshape(-1, maps.shape[-1])
+
+
 def orientations(
-    image: np.ndarray, angles: Collection[int] = ANGLES, work: Workspace | None = None
+    image: np.ndarray,
+    angles: Collection[int] = ANGLES,
+    work: Workspace | None = None,
+    out: Sequence[np.ndarray] | np.ndarray | None = None,
 ) -> dict[int, np.ndarray]:
     """Magnitude of the Gabor response of a `(H, W)` float32 image at each angle asked for.
 
     A Gabor filter with a round envelope is a sum of products of filters along one axis, and
     the two diagonals consist of the same products: 9 separable filters in all.
+
+    Args:
+        out: where to put them, in the order of `ANGLES`.
     """
-    work, kernels = work or Workspace(), gabor_kernels()
-    maps = {angle: work.empty(image.shape) for angle in ANGLES if angle in angles}
-
-    def product(along_x: str, along_y: str, into: np.ndarray) -> np.ndarray:
-        work.count(filter_taps=2 * GABOR_TAPS * image.size)
-        return cv2.sepFilter2D(image, -1, kernels[along_x], kernels[along_y], dst=into)
-
+    work = work or Workspace()
+    angles = [angle for angle in ANGLES if angle in angles]
+    maps = dict(zip(angles, _places(out, len(angles), image.shape, work), strict=True))
+    kernels = gabor_kernels()
+    wanted = tuple(pair for pair, users in _PRODUCTS.items() if not users.isdisjoint(maps))
+    at_once = small(image.shape)
+    work.count(filter_taps=2 * GABOR_TAPS * image.size * len(wanted))
     with work.scope():
         a, b, c = (work.empty(image.shape) for _ in range(3))
+        if at_once:
+            matrices = _gabor_matrices(wanted, image.shape)
+            found = dict(zip(wanted, between(matrices, image), strict=True))
+
+        def product(along_x: str, along_y: str, into: np.ndarray) -> np.ndarray:
+            if at_once:
+                return found[along_x, along_y]
+            return filtered(image, kernels[along_x], kernels[along_y], into)
+
         if 0 in maps:
             cv2.magnitude(product("envelope", "even", a), product("envelope", "odd", b), maps[0])
         if 90 in maps:
@@ -200,6 +248,29 @@ def orientations(
             if 135 in maps:
                 cv2.magnitude(maps[135], cv2.subtract(even_odd, odd_even, dst=c), maps[135])
     return maps
+
+
+# The filters along x and y of which each angle's consist.
+_DIAGONALS = {45, 135}
+_PRODUCTS: dict[tuple[str, str], set[int]] = {
+    ("envelope", "even"): {0},
+    ("envelope", "odd"): {0},
+    ("even", "envelope"): {90},
+    ("odd", "envelope"): {90},
+    ("envelope", "envelope"): _DIAGONALS,
+    ("even'", "even'"): _DIAGONALS,
+    ("odd'", "odd'"): _DIAGONALS,
+    ("even'", "odd'"): _DIAGONALS,
+    ("odd'", "even'"): _DIAGONALS,
+}
+
+
+@lru_cache(maxsize=256)
+def _gabor_matrices(wanted: tuple[tuple[str, str], ...], shape: tuple[int, int]) -> Matrices:
+    """The matrices of several filters for images of one shape, `(k, H, H)` and `(k, W, W)`."""
+    kernels = gabor_kernels()
+    found = [filter_matrices(kernels[x].tobytes(), kernels[y].tobytes(), shape) for x, y in wanted]
+    return np.stack([columns for columns, _ in found]), np.stack([rows for _, rows in found])
 
 
 @cache
@@ -232,15 +303,24 @@ def surround_inhibition(
     """SI(·) of eq. 5.1: the difference between each pixel and the mean of the `size` × `size` box around it.
 
     Args:
-        image: `(H, W)` float32.
+        image: `(H, W)` float32, or several `(n, H, W)`.
         size: odd.
         polarity: "both" is |x − mean|; "printed" is max(0, x − mean).
     """
     work = work or Workspace()
-    work.count(filter_taps=2 * size * image.size, surround_inhibitions=1)
-    box, mean = np.full(size, 1 / size, np.float32), work.empty(image.shape)
-    cv2.sepFilter2D(image, -1, box, box, dst=mean)
-    if polarity == "both":
-        return cv2.absdiff(image, mean, dst=mean)
-    cv2.subtract(image, mean, dst=mean)
-    return cv2.threshold(mean, 0, 0, cv2.THRESH_TOZERO, dst=mean)[1]
+    inhibitions = len(image) if image.ndim == 3 else 1
+    work.count(filter_taps=2 * size * image.size, surround_inhibitions=inhibitions)
+    box, result = _box(size), work.empty(image.shape)
+    for part in parts(result):
+        pixels, mean = tall(image[part]), tall(filtered(image[part], box, box, result[part]))
+        if polarity == "both":
+            cv2.absdiff(pixels, mean, dst=mean)
+        else:
+            cv2.subtract(pixels, mean, dst=mean)
+            cv2.threshold(mean, 0, 0, cv2.THRESH_TOZERO, dst=mean)
+    return result
+
+
+@cache
+def _box(size: int) -> np.ndarray:
+    return np.full(size, 1 / size, np.float32)

@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal
 
 import cv2
@@ -41,11 +42,12 @@ from .pyramid import (
     Yellow,
     collapse,
     enlarge,
-    gaussian_pyramid,
+    half,
     level_shapes,
     orientations,
     planes,
     surround_inhibition,
+    tall,
 )
 from .retina import Retina
 from .weights import CHANNEL_OF, CHANNELS, DIMENSIONS, Gains
@@ -54,9 +56,10 @@ from .workspace import Workspace, aligned, reused
 __all__ = ["Gains", "SaliencyMaps", "fixations", "saliency_map", "saliency_maps"]
 
 Model = Literal["revised", "basic"]
-Contrasts = dict[tuple, np.ndarray]
+Stacks = tuple[dict[tuple[int, ...], np.ndarray], np.ndarray]  # contrasts, and features (k, h, w)
 
 _BASIC_PAIRS = tuple((c, c + delta) for c in (2, 3, 4) for delta in (3, 4))
+_BASIC_LEVELS = tuple(sorted({level for pair in _BASIC_PAIRS for level in pair}))
 _BASIC_SCALE = 4  # at which the basic model adds its maps
 ROUNDING = 1e-3  # grey levels; a difference below this is no difference
 
@@ -78,7 +81,7 @@ class SaliencyMaps:
     saliency: np.ndarray
     conspicuity: dict[str, np.ndarray]
     features: dict[str, np.ndarray]
-    contrasts: Contrasts = field(repr=False)
+    contrasts: dict[tuple, np.ndarray] = field(repr=False)
     cost: int
     size: tuple[int, int]
 
@@ -178,42 +181,46 @@ def _compute(
     retina = image if isinstance(image, Retina) else Retina(image)
     retina.count(saliency_cost=gains.cost)
     seen = _look(retina, resolution)
-    work = Workspace(retina.count, keep=True) if keep else reused(seen.shape, retina.count)
     shape = (seen.shape[0], seen.shape[1])
-    saliency = aligned(shape)
-    saliency[:] = 0
-    result = SaliencyMaps(saliency, {}, {}, {}, gains.cost, (retina.width, retina.height))
-    levels = 1 + (max(gains.active_scales) if model == "revised" else max(s for _, s in _BASIC_PAIRS))
-    map_shape = shape if model == "revised" else level_shapes(shape, levels)[_BASIC_SCALE]
-    channel_weights = dict(zip(CHANNELS, gains.channels, strict=True))
-    weights = dict(zip(DIMENSIONS, gains.dimensions, strict=True))
+    result = SaliencyMaps(aligned(shape), {}, {}, {}, gains.cost, (retina.width, retina.height))
+    active = [name for name in gains.active_dimensions if seen.ndim == 3 or CHANNEL_OF[name] != "C"]
+    if not active:  # colours alone, in a grey image
+        result.saliency[:] = 0
+        return result
+    work = Workspace(retina.count, keep=True) if keep else reused(seen.shape, retina.count)
     with work.scope():
-        active = [name for name in gains.active_dimensions if seen.ndim == 3 or CHANNEL_OF[name] != "C"]
-        pyramids = _pyramids(seen, active, levels, formulas.yellow, work)
-        sums: dict[str, np.ndarray] = {}
-        for names in _computed_together(active):
-            channel = CHANNEL_OF[names[0]]
-            if channel not in sums:
-                sums[channel] = work.zeros(map_shape)
-            with work.scope():
-                if model == "revised":
-                    contrasts, features = _revised(names, pyramids, gains, formulas, work)
-                else:
-                    contrasts, features = _basic(names, pyramids, map_shape, formulas.passes, work)
-                for name, feature in features.items():
-                    cv2.scaleAdd(feature, weights[name], sums[channel], dst=sums[channel])
-                if keep:
-                    result.contrasts.update(contrasts)
-                    result.features.update(features)
-        for channel, total in sums.items():
-            conspicuity = _compete(total, formulas.passes, work)
-            whole = enlarge(conspicuity, shape, work)
-            # The basic model gives each of its channels a third (7.2).
-            weight = channel_weights[channel] if model == "revised" else 1 / len(CHANNELS)
-            cv2.scaleAdd(whole, weight, saliency, dst=saliency)
-            if keep:
-                result.conspicuity[channel] = conspicuity
+        if model == "revised":
+            levels = _levels(seen, active, gains.active_scales, formulas.yellow, work)
+            contrasts, features = _revised(levels, gains, shape, formulas, work)
+        else:
+            levels = _levels(seen, active, _BASIC_LEVELS, formulas.yellow, work)
+            contrasts, features = _basic(levels, formulas.passes, work)
+        channels = list(dict.fromkeys(CHANNEL_OF[name] for name in active))
+        conspicuity = work.empty((len(channels), *features.shape[1:]))
+        for channel, total in zip(channels, conspicuity, strict=True):
+            own = [i for i, name in enumerate(active) if CHANNEL_OF[name] == channel]
+            weights = [gains.dimensions[DIMENSIONS.index(active[i])] for i in own]
+            _weighted_sum([features[i] for i in own], weights, total)
+        _compete(conspicuity, formulas.passes, work)
+        # The basic model gives each of its channels a third (7.2).
+        weights = [
+            gains.channels[CHANNELS.index(channel)] if model == "revised" else 1 / len(CHANNELS)
+            for channel in channels
+        ]
+        _weighted_sum(enlarge(conspicuity, shape, work), weights, result.saliency)
+    if keep:
+        result.conspicuity.update(zip(channels, conspicuity, strict=True))
+        result.features.update(zip(active, features, strict=True))
+        for i, name in enumerate(active):
+            result.contrasts.update({(name, *key): maps[i] for key, maps in contrasts.items()})
     return result
+
+
+def _weighted_sum(maps: Sequence[np.ndarray] | np.ndarray, weights: Sequence[float], out: np.ndarray) -> None:
+    """out ← Σ weight · map."""
+    np.multiply(maps[0], np.float32(weights[0]), out=out)
+    for values, weight in zip(maps[1:], weights[1:], strict=True):
+        cv2.scaleAdd(values, weight, out, dst=out)
 
 
 def _look(retina: Retina, resolution: float) -> np.ndarray:
@@ -224,80 +231,65 @@ def _look(retina: Retina, resolution: float) -> np.ndarray:
     return retina.glance(size)
 
 
-def _compete(values: np.ndarray, passes: int, work: Workspace, least: float = 0.0) -> np.ndarray:
-    """N(·) in place, counted."""
-    work.count(macs=passes * difference_of_gaussians(values.shape).macs)
-    return normalize(values, passes, least, out=values)
+def _levels(
+    seen: np.ndarray, active: Sequence[str], needed: Sequence[int], yellow: Yellow, work: Workspace
+) -> dict[int, np.ndarray]:
+    """The maps of all active dimensions at each level needed, `(k, h, w)` in the order of `active`."""
+    sources = [name for name in active if CHANNEL_OF[name] != "O"]
+    angles = [int(name) for name in active if CHANNEL_OF[name] == "O"]
+    if angles and "I" not in sources:
+        sources.insert(0, "I")  # orientations rest on it
+    n = len(sources)
+    shapes = level_shapes(seen.shape, 1 + max(needed))
+    stacks = [work.empty((n + len(angles), *shape)) for shape in shapes]
+    planes(seen, sources, yellow, work, out=stacks[0][:n])
+    for fine, coarse in pairwise(stacks):
+        half(fine[:n], coarse[:n], work)
+    if angles:
+        for level in needed:
+            stack = stacks[level]
+            orientations(stack[sources.index("I")], angles, work, out=stack[n:])
+    return {level: stacks[level][-len(active) :] for level in needed}
 
 
-def _computed_together(active: Sequence[str]) -> list[tuple[str, ...]]:
-    """Dimensions in the groups that share filters: the orientations."""
-    angles = tuple(name for name in active if CHANNEL_OF[name] == "O")
-    return [(name,) for name in active if CHANNEL_OF[name] != "O"] + [angles] * bool(angles)
-
-
-def _pyramids(
-    seen: np.ndarray, active: Sequence[str], levels: int, yellow: Yellow, work: Workspace
-) -> dict[str, list[np.ndarray]]:
-    """The Gaussian pyramids of intensity and opponent colours that active dimensions rest on."""
-    wanted = dict.fromkeys(name if CHANNEL_OF[name] != "O" else "I" for name in active)
-    found = planes(seen, list(wanted), yellow, work)
-    return {name: gaussian_pyramid(plane, levels, work) for name, plane in found.items()}
-
-
-def _level(
-    names: Sequence[str], pyramids: Mapping[str, list[np.ndarray]], level: int, work: Workspace
-) -> dict[str, np.ndarray]:
-    """Dimensions computed together, at one level of the pyramids."""
-    if CHANNEL_OF[names[0]] != "O":
-        return {name: pyramids[name][level] for name in names}
-    found = orientations(pyramids["I"][level], [int(name) for name in names], work)
-    return {str(angle): magnitude for angle, magnitude in found.items()}
+def _compete(maps: np.ndarray, passes: int, work: Workspace, least: float = 0.0) -> np.ndarray:
+    """N(·) of each of a stack of maps in place, counted."""
+    shape = (maps.shape[1], maps.shape[2])
+    work.count(macs=len(maps) * passes * difference_of_gaussians(shape).macs)
+    return normalize(maps, passes, least, out=maps)
 
 
 def _revised(
-    names: Sequence[str],
-    pyramids: Mapping[str, list[np.ndarray]],
+    levels: Mapping[int, np.ndarray],
     gains: Gains,
+    shape: tuple[int, int],
     formulas: _Formulas,
     work: Workspace,
-) -> tuple[Contrasts, dict[str, np.ndarray]]:
-    """Eq. 5.2 and 5.3: surround inhibition by (dimension, scale), and features."""
-    contrasts: Contrasts = {}
-    for scale in gains.active_scales:
-        for name, image in _level(names, pyramids, scale, work).items():
-            contrasts[name, scale] = surround_inhibition(image, formulas.surround, formulas.polarity, work)
-    features, least = {}, ROUNDING * max(gains.scales)
-    for name in names:
-        maps = {scale: contrasts[name, scale] for scale in gains.active_scales}
-        finest = next(iter(pyramids.values()))[0]
-        total = collapse(maps, gains.scales, finest.shape, work)
-        features[name] = _compete(total, formulas.passes, work, least)
-    return contrasts, features
+) -> Stacks:
+    """Eq. 5.2 and 5.3: surround inhibition by (scale,), and features."""
+    contrasts = {
+        scale: surround_inhibition(maps, formulas.surround, formulas.polarity, work)
+        for scale, maps in levels.items()
+    }
+    features = collapse(contrasts, gains.scales, shape, work)
+    _compete(features, formulas.passes, work, ROUNDING * max(gains.scales))
+    return {(scale,): maps for scale, maps in contrasts.items()}, features
 
 
-def _basic(
-    names: Sequence[str],
-    pyramids: Mapping[str, list[np.ndarray]],
-    shape: tuple[int, int],
-    passes: int,
-    work: Workspace,
-) -> tuple[Contrasts, dict[str, np.ndarray]]:
-    """Eq. 7.1 and 7.2: differences by (dimension, center, surround), and features."""
-    used = sorted({level for pair in _BASIC_PAIRS for level in pair})
-    maps = {level: _level(names, pyramids, level, work) for level in used}
-    contrasts: Contrasts = {}
-    features = {}
-    for name in names:
-        total = work.zeros(shape)
-        for center, surround in _BASIC_PAIRS:
-            with work.scope():
-                fine = maps[center][name]
-                difference, feature = work.empty(fine.shape), work.empty(fine.shape)
-                cv2.absdiff(fine, enlarge(maps[surround][name], fine.shape, work), dst=difference)
-                contrasts[name, center, surround] = difference
-                np.copyto(feature, difference)
-                _compete(feature, passes, work, ROUNDING)
-                total += cv2.resize(feature, shape[::-1], interpolation=cv2.INTER_AREA)
-        features[name] = _compete(total, passes, work)
-    return contrasts, features
+def _basic(levels: Mapping[int, np.ndarray], passes: int, work: Workspace) -> Stacks:
+    """Eq. 7.1 and 7.2: differences by (center, surround), and features."""
+    contrasts: dict[tuple[int, ...], np.ndarray] = {}
+    features = work.zeros(levels[_BASIC_SCALE].shape)
+    size = features.shape[:0:-1]
+    for center, surround in _BASIC_PAIRS:
+        fine = levels[center]
+        difference = work.empty(fine.shape)
+        contrasts[center, surround] = difference
+        with work.scope():
+            feature = enlarge(levels[surround], fine.shape[1:], work)
+            cv2.absdiff(tall(fine), tall(feature), dst=tall(difference))
+            np.copyto(feature, difference)
+            _compete(feature, passes, work, ROUNDING)
+            for total, one in zip(features, feature, strict=True):
+                total += cv2.resize(one, size, interpolation=cv2.INTER_AREA)
+    return contrasts, _compete(features, passes, work)

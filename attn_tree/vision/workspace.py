@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -43,13 +43,15 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
     return spare[start : start + size].reshape(shape)
 
 
-def parts(maps: int, shape: tuple[int, ...]) -> Iterator[slice]:
-    """`maps` maps of rows and columns `shape`, in parts that are best worked on together.
+def parts(maps: np.ndarray) -> Iterable[slice]:
+    """A stack of maps `(n, H, W)` in parts that are best worked on together; a map `(H, W)` in one.
 
     Small maps together, since each call costs; large ones one by one, since each should stay in the cache.
     """
-    step = max(_CACHE // (4 * shape[0] * shape[1]), 1)
-    return (slice(start, min(start + step, maps)) for start in range(0, maps, step))
+    if maps.ndim == 2:
+        return (slice(None),)
+    step = max(_CACHE // (4 * maps.shape[1] * maps.shape[2]), 1)
+    return [slice(start, start + step) for start in range(0, len(maps), step)]
 
 
 class Workspace:
