@@ -48,28 +48,12 @@ def _looks(vector: Sequence[float] | None, model: dict[str, Any], n: int) -> loo
     return looking.biased(vector, model, n, radius=WITHIN)
 
 
-def _learned(unit: Unit, images: Sequence[Tagged], lines: Lines) -> Any:
-    from attn_tree.clpso import CLPSOSettings
-    from attn_tree.gains import SaliencySettings, learn_gains
-
-    settings = unit.settings
-    return learn_gains(
-        [each.image for each in images],
-        [each.centers for each in images],
-        objective=settings["objective"],
-        settings=CLPSOSettings(**{**settings["search"], "inertia": tuple(settings["search"]["inertia"])}),
-        saliency=SaliencySettings(**settings["model"]),
-        seed=settings["seed"],
-        checkpoint=None if lines.scratch is None else lines.scratch / "search.zip",
-    )
-
-
 def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     """Learn gains for an array; whether its target is looked at first, on drawings seen and held out."""
     settings = unit.settings
     seen = _drawings(settings["kind"], settings["seed"], TRAINING)
     heldout = _drawings(settings["kind"], 1000 + settings["seed"], HELDOUT)
-    learned = _learned(unit, seen, lines)
+    learned = looking.learn(seen, settings, lines.scratch)
     vector = learned.gains.vector.tolist()
     scores: dict[str, Any] = {"gains": vector, "value": learned.value, "cost": learned.gains.cost}
     for name, weights in (("learned", vector), ("ones", None)):
@@ -104,7 +88,7 @@ def compute_curve(unit: Unit, lines: Lines) -> dict[str, Any]:
     images = [
         each for n in (8, 32) for each in _drawings(settings["kind"], settings["seed"], TRAINING // 2, n)
     ]
-    learned = _learned(unit, images, lines)
+    learned = looking.learn(images, settings, lines.scratch)
     scores: dict[str, Any] = {"gains": learned.gains.vector.tolist(), "value": learned.value}
     for name, weights in (("learned", scores["gains"]), ("ones", None)):
         for items in SET_SIZES:

@@ -40,24 +40,14 @@ def _scenes(target: str, split: int) -> tuple[list[Any], list[Any]]:
 
 def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     """Hit numbers and cold milliseconds on held-out scenes, whole and within rectangles."""
-    from attn_tree.clpso import CLPSOSettings
-    from attn_tree.gains import SaliencySettings, learn_gains
     from attn_tree.relevance import Rectangle, look_within, relevance_map
 
     settings = unit.settings
     train, test = _scenes(settings["target"], settings["split"])
-    saliency = SaliencySettings(**settings["model"])
-    learned = learn_gains(
-        [each.image for each in train],
-        [each.centers for each in train],
-        settings=CLPSOSettings(**{**settings["search"], "inertia": tuple(settings["search"]["inertia"])}),
-        saliency=saliency,
-        seed=settings["split"],
-        checkpoint=None if lines.scratch is None else lines.scratch / "search.zip",
-    )
+    learned = looking.learn(train, settings, lines.scratch)
 
     def look(image: np.ndarray, part: Rectangle) -> np.ndarray:
-        return look_within(image, part, learned.gains, FIXATIONS, HIT, **asdict(saliency))
+        return look_within(image, part, learned.gains, FIXATIONS, HIT, **asdict(learned.saliency))
 
     whole = Rectangle(0, 0, *SIZE)
     seen = {

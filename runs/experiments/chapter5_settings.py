@@ -37,27 +37,10 @@ SMALL: dict[str, Any] = {"particles": 60, "iterations": 20, "inertia": [0.9, 0.4
 SAMPLE = 1200  # evaluations held against the plain computation
 
 
-def _learn(settings: Mapping[str, Any], workers: int = 1) -> tuple[Any, list[Any], list[Any]]:
-    from attn_tree.clpso import CLPSOSettings
-    from attn_tree.gains import SaliencySettings, learn_gains
-
-    train, test = looking.sets_of("gtsdb", settings["target"], settings["split"])
-    inertia = settings["search"]["inertia"]
-    search = {**settings["search"], "inertia": tuple(inertia) if isinstance(inertia, list) else inertia}
-    learned = learn_gains(
-        [each.image for each in train],
-        [each.centers for each in train],
-        settings=CLPSOSettings(**search),
-        saliency=SaliencySettings(**settings["model"]),
-        seed=settings["split"],
-        workers=workers,
-    )
-    return learned, train, test
-
-
 def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     """Learn on a split; fitness reached, evaluations, and rates on its images."""
-    learned, train, test = _learn(unit.settings)
+    train, test = looking.sets_of("gtsdb", unit.settings["target"], unit.settings["split"])
+    learned = looking.learn(train, unit.settings)
     look = looking.biased(learned.gains.vector.tolist(), unit.settings["model"])
     return {
         "value": learned.value,
@@ -97,8 +80,9 @@ def compute_full(unit: Unit, lines: Lines) -> dict[str, Any]:
     from attn_tree.vision.saliency import saliency_maps
     from attn_tree.winners import Winners
 
+    train, test = looking.sets_of("gtsdb", unit.settings["target"], unit.settings["split"])
     start = time.perf_counter()
-    learned, train, test = _learn(unit.settings, workers=2)
+    learned = looking.learn(train, unit.settings, workers=2)
     seconds = time.perf_counter() - start
     settings = SaliencySettings(**unit.settings["model"])
     rng = np.random.default_rng(1)

@@ -66,22 +66,9 @@ def units(
 
 def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     """Learn gains on a split, then look at its training and test images."""
-    from attn_tree.clpso import CLPSOSettings
-    from attn_tree.gains import SaliencySettings, learn_gains
-
     settings = unit.settings
     train, test = looking.sets_of(settings["family"], settings["target"], settings["split"])
-    search = {**settings["search"], "inertia": tuple(settings["search"]["inertia"])}
-    learned = learn_gains(
-        [tagged.image for tagged in train],
-        [tagged.centers for tagged in train],
-        objective=settings["objective"],
-        limit=settings["limit"],
-        settings=CLPSOSettings(**search),
-        saliency=SaliencySettings(**settings["model"]),
-        seed=settings["split"],
-        checkpoint=None if lines.scratch is None else lines.scratch / "search.zip",
-    )
+    learned = looking.learn(train, settings, lines.scratch)
     look = looking.biased(learned.gains.vector.tolist(), settings["model"])
     scores = {
         "gains": learned.gains.vector.tolist(),

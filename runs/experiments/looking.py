@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from envs.drawn_signs import drawn_sign_scenes
 from envs.road_scenes import CATEGORIES, groningen, gtsdb_crops
 from envs.tagged import Tagged
 from runs.experiments.experiment import Line
+
+if TYPE_CHECKING:
+    from attn_tree.gains import LearnedGains
 
 SOURCES = {"gtsdb": "GTSDB", "groningen": "Groningen", "drawn": "drawn"}
 FIXATIONS = 3
@@ -53,6 +57,33 @@ def sets_of(family: str, target: str, split: int) -> tuple[list[Tagged], list[Ta
     images = gtsdb_crops(target, split) if family == "gtsdb" else drawn_sign_scenes(target, 50, split)
     order = np.random.default_rng([split, 1]).permutation(len(images))
     return [images[i] for i in order[:TRAINING]], [images[i] for i in order[TRAINING:]]
+
+
+def learn(
+    images: Sequence[Tagged], settings: Mapping[str, Any], scratch: Path | None = None, workers: int = 1
+) -> LearnedGains:
+    """Gains learned on these images with the `search`, `model`, `objective` and `limit` of a unit's settings.
+
+    Args:
+        settings: the search is seeded by their `seed`, else their `split`.
+        scratch: a folder for the checkpoint of a search that is cut short.
+    """
+    from attn_tree.clpso import CLPSOSettings
+    from attn_tree.gains import SaliencySettings, learn_gains
+
+    inertia = settings["search"]["inertia"]
+    search = {**settings["search"], "inertia": tuple(inertia) if isinstance(inertia, list) else inertia}
+    return learn_gains(
+        [each.image for each in images],
+        [each.centers for each in images],
+        objective=settings.get("objective", "distance"),
+        limit=settings.get("limit"),
+        settings=CLPSOSettings(**search),
+        saliency=SaliencySettings(**settings["model"]),
+        seed=settings.get("seed", settings.get("split")),
+        workers=workers,
+        checkpoint=None if scratch is None else scratch / "search.zip",
+    )
 
 
 def rank(places: np.ndarray, centers: np.ndarray, within: float = HIT) -> int:
