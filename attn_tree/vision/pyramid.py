@@ -31,7 +31,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from .separable import Matrices, between, filter_matrices, filtered, matrix, pairs, resized, small
+from .separable import Matrices, between, filter_matrices, filtered, halved, resized, small, tall
 from .workspace import Workspace, parts
 
 Polarity = Literal["both", "printed"]
@@ -131,23 +131,8 @@ def gaussian_pyramid(image: np.ndarray, levels: int, work: Workspace | None = No
 def half(maps: np.ndarray, out: np.ndarray, work: Workspace) -> np.ndarray:
     """The next level of a pyramid `(H, W)`, or of several `(n, H, W)`, float32, into `out`."""
     work.count(filter_taps=2 * len(_BINOMIAL) * maps.size)
-    if small(maps.shape):
-        return between(_halving_matrices(maps.shape[-2:]), maps, out)
     with work.scope():
-        smooth = work.empty(maps.shape[-2:])
-        for image, result in pairs(maps, out):
-            cv2.sepFilter2D(image, -1, _BINOMIAL, _BINOMIAL, dst=smooth)
-            cv2.resize(smooth, result.shape[::-1], dst=result, interpolation=cv2.INTER_LINEAR)
-    return out
-
-
-@lru_cache(maxsize=64)
-def _halving_matrices(shape: tuple[int, int]) -> Matrices:
-    def along(n: int) -> np.ndarray:
-        blur = matrix(n, lambda eye: cv2.sepFilter2D(eye, -1, np.ones(1, np.float32), _BINOMIAL))
-        return cv2.resize(blur, (n, (n + 1) // 2), interpolation=cv2.INTER_LINEAR)
-
-    return along(shape[0]), np.ascontiguousarray(along(shape[1]).T)
+        return halved(maps, _BINOMIAL, work.empty(maps.shape[-2:]), out)
 
 
 def level_shapes(shape: Sequence[int], levels: int) -> list[tuple[int, int]]:
@@ -193,11 +178,6 @@ def collapse(
     return total
 
 
-def tall(maps: np.ndarray) -> np.ndarray:
-    """A stack of maps as one tall map, which OpenCV takes in one call."""
-    return maps.reshape(-1, maps.shape[-1])
-
-
 def orientations(
     image: np.ndarray,
     angles: Collection[int] = ANGLES,
@@ -213,36 +193,33 @@ def orientations(
         out: where to put them, in the order of `ANGLES`.
     """
     work = work or Workspace()
-    angles = [angle for angle in ANGLES if angle in angles]
-    maps = dict(zip(angles, _places(out, len(angles), image.shape, work), strict=True))
-    kernels = gabor_kernels()
-    wanted = tuple(pair for pair, users in _PRODUCTS.items() if not users.isdisjoint(maps))
-    at_once = small(image.shape)
+    chosen = tuple(angle for angle in ANGLES if angle in angles)
+    maps = dict(zip(chosen, _places(out, len(chosen), image.shape, work), strict=True))
+    kernels, wanted, matrices = gabor_kernels(), gabor_products(chosen), small(image.shape)
     work.count(filter_taps=2 * GABOR_TAPS * image.size * len(wanted))
     with work.scope():
         a, b, c = (work.empty(image.shape) for _ in range(3))
-        if at_once:
-            matrices = _gabor_matrices(wanted, image.shape)
-            found = dict(zip(wanted, between(matrices, image), strict=True))
+        if matrices:
+            found = dict(zip(wanted, between(_gabor_matrices(wanted, image.shape), image), strict=True))
 
-        def product(along_x: str, along_y: str, into: np.ndarray) -> np.ndarray:
-            if at_once:
+        def response(along_x: str, along_y: str, into: np.ndarray) -> np.ndarray:
+            if matrices:
                 return found[along_x, along_y]
             return filtered(image, kernels[along_x], kernels[along_y], into)
 
         if 0 in maps:
-            cv2.magnitude(product("envelope", "even", a), product("envelope", "odd", b), maps[0])
+            cv2.magnitude(response("envelope", "even", a), response("envelope", "odd", b), maps[0])
         if 90 in maps:
-            cv2.magnitude(product("even", "envelope", a), product("odd", "envelope", b), maps[90])
+            cv2.magnitude(response("even", "envelope", a), response("odd", "envelope", b), maps[90])
         if 45 in maps or 135 in maps:
-            constant = product("envelope", "envelope", a)
-            even = cv2.scaleAdd(constant, -diagonal_offset(), product("even'", "even'", b), dst=b)
-            odd_odd = product("odd'", "odd'", a)
+            constant = response("envelope", "envelope", a)
+            even = cv2.scaleAdd(constant, -diagonal_offset(), response("even'", "even'", b), dst=b)
+            odd_odd = response("odd'", "odd'", a)
             if 45 in maps:
                 cv2.subtract(even, odd_odd, dst=maps[45])
             if 135 in maps:
                 cv2.add(even, odd_odd, dst=maps[135])
-            even_odd, odd_even = product("even'", "odd'", a), product("odd'", "even'", b)
+            even_odd, odd_even = response("even'", "odd'", a), response("odd'", "even'", b)
             if 45 in maps:
                 cv2.magnitude(maps[45], cv2.add(even_odd, odd_even, dst=c), maps[45])
             if 135 in maps:
@@ -250,19 +227,17 @@ def orientations(
     return maps
 
 
-# The filters along x and y of which each angle's consist.
-_DIAGONALS = {45, 135}
-_PRODUCTS: dict[tuple[str, str], set[int]] = {
-    ("envelope", "even"): {0},
-    ("envelope", "odd"): {0},
-    ("even", "envelope"): {90},
-    ("odd", "envelope"): {90},
-    ("envelope", "envelope"): _DIAGONALS,
-    ("even'", "even'"): _DIAGONALS,
-    ("odd'", "odd'"): _DIAGONALS,
-    ("even'", "odd'"): _DIAGONALS,
-    ("odd'", "even'"): _DIAGONALS,
-}
+@cache
+def gabor_products(angles: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
+    """The filters along x and y that the filters at these angles consist of."""
+    diagonal = [("envelope", "envelope"), *((x, y) for x in ("even'", "odd'") for y in ("even'", "odd'"))]
+    pairs = {
+        0: [("envelope", "even"), ("envelope", "odd")],
+        90: [("even", "envelope"), ("odd", "envelope")],
+        45: diagonal,
+        135: diagonal,
+    }
+    return tuple(dict.fromkeys(pair for angle in angles for pair in pairs[angle]))
 
 
 @lru_cache(maxsize=256)

@@ -47,9 +47,9 @@ from .pyramid import (
     orientations,
     planes,
     surround_inhibition,
-    tall,
 )
 from .retina import Retina
+from .separable import tall
 from .weights import CHANNEL_OF, CHANNELS, DIMENSIONS, Gains
 from .workspace import Workspace, aligned, reused
 
