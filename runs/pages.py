@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 from runs import cli, experiments
@@ -31,6 +32,7 @@ FIGURES = ROOT / "docs" / "figures"
 _BLOCK = re.compile(r"(<!-- (scores|thesis): ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
+@cache
 def _tables(study: str) -> dict[str, TaskTable]:
     """The committed tables of a study by variant; a size other than 4×4 stands before the variant."""
     source = RESULTS / f"{study}.jsonl"

@@ -20,7 +20,7 @@ SPLITS = 5
 CLEAN = "none"
 NOISES = (CLEAN, "Gaussian", "salt and pepper", "speckle", "motion blur")
 METHODS = ("template, one", "templates, all 10", "basic", "revised", "learned")
-MOST = 20  # test images of a split that are disturbed; images of a split whose cold times are taken
+MOST = 12  # test images of a split that are disturbed; images of a split whose cold times are taken
 
 # Table 5.4, average over its three signs: detection rate % by noise, and milliseconds.
 THESIS: Mapping[str, Sequence[float]] = {
@@ -170,7 +170,7 @@ EXPERIMENTS = [
             "Noise is added at the size of the images. σ 0.5 is read as a standard deviation on a scale from "
             "0 to 1; the motion blur's 20×30 as a length of 20 pixels at 30°.",
         ),
-        cpu_minutes=15,
+        cpu_minutes=8,
         needs=("table-5.2",),
         data=("gtsdb", "groningen_signs"),
     ),
