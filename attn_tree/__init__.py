@@ -1,9 +1,35 @@
-"""The learners of A. Borji's thesis (2009): decision trees over *where to look*, grown from reward."""
+"""The learners of A. Borji's thesis (2009): decision trees over *where to look*, grown from reward.
 
-from attn_tree.growth import Growth
-from attn_tree.learner import QuasiStaticLearner
-from attn_tree.q_learning import TableLearner
-from attn_tree.rlvc import RLVC
-from attn_tree.s_tree import STree
+They are imported when they are first asked for: what they stand on (Stable-Baselines3, matplotlib)
+takes seconds to load, and `attn_tree.vision` does without it.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from attn_tree.growth import Growth
+    from attn_tree.learner import QuasiStaticLearner
+    from attn_tree.q_learning import TableLearner
+    from attn_tree.rlvc import RLVC
+    from attn_tree.s_tree import STree
 
 __all__ = ["RLVC", "Growth", "QuasiStaticLearner", "STree", "TableLearner"]
+
+_MODULES = {
+    "Growth": "growth",
+    "QuasiStaticLearner": "learner",
+    "RLVC": "rlvc",
+    "STree": "s_tree",
+    "TableLearner": "q_learning",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

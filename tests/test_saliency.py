@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -14,6 +16,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from skimage import data
 
+import attn_tree
 from attn_tree.vision import pyramid, separable
 from attn_tree.vision.competition import normalize
 from attn_tree.vision.retina import Retina, meter
@@ -426,3 +429,16 @@ def test_mistakes_get_one_line(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
         saliency_map(PHOTOGRAPH, **arguments)
     assert "\n" not in str(caught.value)
+
+
+# Imports -------------------------------------------------------------------------------------
+
+
+def test_vision_loads_no_learner_and_learners_are_there_when_asked_for() -> None:
+    program = "import sys, attn_tree.vision.pyramid; print({'torch', 'matplotlib'} & set(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert loaded.stdout.strip() == "set()"
+    assert set(attn_tree.__all__) <= set(dir(attn_tree))
+    assert all(getattr(attn_tree, name).__name__ == name for name in attn_tree.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
+        _ = attn_tree.Nothing  # type: ignore[attr-defined]
