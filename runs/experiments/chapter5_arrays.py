@@ -120,7 +120,7 @@ def score_curve(lines: Sequence[Line]) -> list[Table]:
         for name in ("ones", "learned"):
             cells = _curve(lines, kind, name)
             slope = float(np.polyfit(SET_SIZES, [cell.value for cell in cells], 1)[0])
-            rows.append([kind, "all ones" if name == "ones" else name, *cells, round(slope, 4)])
+            rows.append([kind, "all ones" if name == "ones" else name, *cells, round(slope, 4) + 0.0])
     head = ["task", "weights", *(f"{items} items" for items in SET_SIZES), "per item"]
     return [Table(head, rows, "Fixations until the target is looked at; chance is half the items.")]
 
