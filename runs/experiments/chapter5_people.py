@@ -76,7 +76,7 @@ EXPERIMENTS = [
         name="people",
         chapter=5,
         title="Saliency against people's fixations (OSIE)",
-        section="not in the thesis",
+        section="beyond 5.3.1",
         claim="None; the thesis takes the basic model for granted.",
         units=[
             Unit(
