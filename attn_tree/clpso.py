@@ -147,6 +147,7 @@ def clpso(
     bound: bool = False,
     callback: Callable[[Swarm], object] | None = None,
     resume: Swarm | None = None,
+    start: np.ndarray | None = None,
 ) -> Swarm:
     """Minimise `objective` over a box.
 
@@ -163,9 +164,10 @@ def clpso(
             progress bar, a checkpoint); returning False ends the search.
         resume: a swarm to go on from. The generator is set to the state kept with it, so
             the result is that of an uninterrupted run, bit for bit.
+        start: `(n, d)` first positions, where random ones would hardly be feasible.
 
     Raises:
-        ValueError: malformed bounds, a swarm of another shape, or an objective that
+        ValueError: malformed bounds, a swarm or a start of another shape, or an objective that
             returns NaN or the wrong number of values.
     """
     settings = settings or CLPSOSettings()
@@ -180,7 +182,7 @@ def clpso(
         return _checked(values, positions)
 
     if resume is None:
-        swarm = _start(low, high, settings, rng)
+        swarm = _start(low, high, settings, rng, start)
         swarm.best_values = evaluate(swarm.positions, swarm.best_values)
         _note(swarm, settings.particles, rng)
         going = _report(callback, swarm)
@@ -232,10 +234,18 @@ def _checked(values: Any, positions: np.ndarray) -> np.ndarray:
     return values
 
 
-def _start(low: np.ndarray, high: np.ndarray, settings: CLPSOSettings, rng: np.random.Generator) -> Swarm:
-    """Uniform positions and velocities, every dimension its own exemplar, exemplars due at once."""
+def _start(
+    low: np.ndarray,
+    high: np.ndarray,
+    settings: CLPSOSettings,
+    rng: np.random.Generator,
+    start: np.ndarray | None = None,
+) -> Swarm:
+    """Uniform (or given) positions, uniform velocities, own exemplars, new ones due at once."""
     shape = settings.particles, len(low)
-    positions = rng.uniform(low, high, shape)
+    positions = rng.uniform(low, high, shape) if start is None else np.clip(start, low, high)
+    if positions.shape != shape:
+        raise ValueError(f"the start has shape {positions.shape}; expected {shape}")
     reach = settings.max_velocity * (high - low)
     return Swarm(
         positions=positions,

@@ -14,8 +14,8 @@ Weights not above α = 1 are off: what they stand for is neither computed nor pa
 
 Deviations: (1) in eq. 5.8 the pixel is ours: at distance 0 the printed product forgets the cost;
 (2) weights are feasible only with a channel, one of its dimensions and a scale on, or all off would be the
-global minimum; (3) weights dearer than the limit are worse than all others, as printed, and the dearer the
-worse, or a swarm that starts beyond a low limit would never find its way below; (4) where an image holds
+global minimum; (3) with a limit the swarm starts within it, since random weights cost 40 and
+more and all beyond the limit are equally bad; (4) where an image holds
 several targets the nearest counts; (5) an image without any salient place counts as its diagonal, the
 worst distance there is; (6) of N's rescaling, about 11 of the 16 weights are identifiable: different runs end
 with different weights for the same places.
@@ -44,7 +44,7 @@ from attn_tree.clpso import CLPSOSettings, Swarm, clpso
 from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
 from attn_tree.vision.retina import Retina
 from attn_tree.vision.saliency import saliency_maps
-from attn_tree.vision.weights import COSTS, Gains
+from attn_tree.vision.weights import CHANNEL_OF, CHANNELS, COSTS, DIMENSIONS, SCALES, Gains
 from attn_tree.winners import SaliencySettings, Winners
 
 __all__ = ["Gains", "LearnedGains", "SaliencySettings", "learn_gains"]
@@ -53,7 +53,6 @@ Objective = Literal["distance", "cost"]
 
 LOW, HIGH = 0.0, 6.0  # range of a weight (table 5.1)
 _GROUP = 25  # particles evaluated together
-_DEAR = 1e9  # value of weights beyond the limit, more than any distance times cost
 _FORMAT = "attn_tree gains 1"
 
 
@@ -161,8 +160,7 @@ def learn_gains(
             bar.update(resume.iteration + 1 if resume else 0)
 
             def after_move(swarm: Swarm) -> None:
-                best = f"best {swarm.value:.2f}" if swarm.value < _DEAR else "over the limit"
-                bar.set_postfix_str(best, refresh=False)
+                bar.set_postfix_str(f"best {swarm.value:.2f}", refresh=False)
                 bar.update()
                 if checkpoint is not None:
                     meta, arrays = swarm.state()
@@ -177,9 +175,10 @@ def learn_gains(
                 bound=True,
                 callback=after_move,
                 resume=resume,
+                start=None if limit is None else _within(limit, settings.particles, alpha, seed),
             )
-    if swarm.value >= _DEAR:
-        raise ValueError(f"no weights within the limit of {limit} were found; raise the limit")
+    if not np.isfinite(swarm.value):  # random weights are feasible almost always
+        raise ValueError("no feasible weights were found; use more particles")
     return LearnedGains(
         gains=Gains.from_vector(swarm.x, alpha),
         saliency=saliency,
@@ -223,10 +222,9 @@ class _Fitness:
         vectors = np.where(positions > self._alpha, positions, 0.0)
         costs = (vectors > 0) @ np.array(COSTS)
         feasible = [Gains.from_vector(vector).feasible for vector in vectors]
-        values = np.where(costs <= self._limit, 0.0, _DEAR + costs)
-        values[~np.array(feasible)] = np.inf
+        values = np.where(np.array(feasible) & (costs <= self._limit), 0.0, np.inf)
         sums = np.zeros(len(vectors))
-        alive = np.flatnonzero(values < np.minimum(bounds, _DEAR))
+        alive = np.flatnonzero(values < bounds)
         for winners, distances in zip(self._winners, self._distances, strict=True):
             sums[alive] += distances[winners(vectors[alive])]
             values[alive] = self._value(sums[alive], costs[alive])
@@ -236,6 +234,30 @@ class _Fitness:
     def _value(self, sums: np.ndarray, costs: np.ndarray) -> np.ndarray:
         mean = sums / len(self._winners)
         return mean if self._objective == "distance" else (mean + 1) * costs
+
+
+def _within(limit: int, particles: int, alpha: float, seed: int) -> np.ndarray:
+    """Random positions `(particles, 16)` that cost no more than the limit.
+
+    What is on is drawn in random order: first a channel, one of its dimensions and a scale that
+    fit the limit together, then whatever still fits.
+    """
+    rng = np.random.default_rng([seed, 1])
+    costs = np.array(COSTS)
+    cores = [
+        (CHANNELS.index(CHANNEL_OF[name]), 3 + i, 10 + scale)
+        for i, name in enumerate(DIMENSIONS)
+        for scale in range(SCALES)
+    ]
+    cores = [core for core in cores if costs[list(core)].sum() <= limit]
+    positions = rng.uniform(LOW, alpha, (particles, len(COSTS)))
+    for position in positions:
+        on = list(cores[rng.integers(len(cores))])
+        for i in rng.permutation(len(COSTS)).tolist():
+            if i not in on and costs[on].sum() + costs[i] <= limit and rng.random() < 0.5:
+                on.append(i)
+        position[on] = rng.uniform(alpha, HIGH, len(on))
+    return positions
 
 
 def _nearest(places: np.ndarray, points: np.ndarray) -> np.ndarray:

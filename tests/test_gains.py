@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from skimage import data
 
 from attn_tree.clpso import CLPSOSettings
-from attn_tree.gains import Gains, LearnedGains, SaliencySettings, _Fitness, learn_gains
+from attn_tree.gains import Gains, LearnedGains, SaliencySettings, _Fitness, _within, learn_gains
 from attn_tree.tree.storage import write_archive
 from attn_tree.vision.saliency import fixations, saliency_map
 from attn_tree.vision.weights import COSTS
@@ -100,10 +100,8 @@ def direct_fitness(
     """Eq. 5.8–5.10 as they stand (with one pixel added in the first)."""
     kept = np.where(vector > 1, vector, 0)
     gains, cost = Gains.from_vector(kept), float(np.dot(kept > 0, COSTS))
-    if not gains.feasible:
+    if not gains.feasible or (limit is not None and cost > limit):
         return np.inf
-    if limit is not None and cost > limit:
-        return 1e9 + cost
     distances = []
     for image, target in zip(images, targets, strict=True):
         place = plain_place(image, kept, QUARTER)
@@ -121,7 +119,7 @@ def test_fitness_is_the_printed_one_and_giving_up_changes_nothing(objective: str
     fitness = _Fitness([Winners(i, QUARTER) for i in images], images, targets, objective, limit, 1.0)  # type: ignore[arg-type]
     positions = rng.uniform(0, 6, (30, 16)) * (rng.random((30, 16)) < 0.7)
     expected = np.array([direct_fitness(p, images, targets, objective, limit) for p in positions])
-    assert (expected >= 1e9).any() or limit is None
+    assert np.isinf(expected).any() or limit is None
     np.testing.assert_allclose(fitness(positions, np.full(30, np.inf)), expected, rtol=1e-9)
     bounds = np.where(rng.random(30) < 0.5, expected, rng.uniform(5, 200, 30))
     bounded = fitness(positions, bounds)
@@ -147,7 +145,7 @@ def test_a_quiet_target_is_found_first_and_cheaply() -> None:
     cheap = learn_gains(images, targets, settings=settings, saliency=saliency, objective="cost", seed=0)
     assert cheap.gains.cost < learned.gains.cost and found(cheap.gains) == 1.0
     limited = learn_gains(images, targets, settings=settings, saliency=saliency, limit=11, seed=0)
-    assert limited.gains.cost <= 11 and limited.history[0] > 1e9  # no particle starts within the limit
+    assert limited.gains.cost <= 11
 
 
 def test_same_seed_same_bits_with_any_number_of_workers_and_after_an_interruption(tmp_path: Path) -> None:
@@ -220,3 +218,11 @@ def test_equal_factors_on_all_scales_change_no_place(seed: int, factor: float) -
 
 
 _WINNERS = Winners(photographs()[0], QUARTER)
+
+
+@effort(max_examples=30, deadline=None)
+@given(st.integers(3, 60), st.integers(0, 1000))
+def test_a_limited_search_starts_within_the_limit(limit: int, seed: int) -> None:
+    for position in _within(limit, 5, 1.0, seed):
+        gains = Gains.from_vector(position, 1.0)
+        assert gains.feasible and gains.cost <= limit and (position <= 6).all()

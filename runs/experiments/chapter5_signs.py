@@ -244,7 +244,7 @@ EXPERIMENTS = [
         cpu_minutes=12,
         data=("gtsdb",),
         figures={"rate-by-limit.png": lambda lines, path: draw_limits(_curves(lines), path)},
-        version=2,
+        version=3,
     ),
 ]
 
