@@ -53,6 +53,7 @@ Objective = Literal["distance", "cost"]
 
 LOW, HIGH = 0.0, 6.0  # range of a weight (table 5.1)
 _GROUP = 25  # particles evaluated together
+_ROUNDING = 1 + 1e-12  # a partial sum may round to more than the whole
 _FORMAT = "attn_tree gains 1"
 
 
@@ -207,6 +208,7 @@ class _Fitness:
     ) -> None:
         self._winners, self._objective, self._alpha, self._run = winners, objective, alpha, run
         self._limit = np.inf if limit is None else limit
+        self._misses = np.zeros(len(winners))  # sums of distances so far; they order the work, not the result
         self._distances = [
             # By place of the map; the last entry, index −1, is for a map without a salient place.
             np.append(_nearest(each.positions(), points), np.hypot(*image.shape[:2]))
@@ -223,12 +225,15 @@ class _Fitness:
         costs = (vectors > 0) @ np.array(COSTS)
         feasible = [Gains.from_vector(vector).feasible for vector in vectors]
         values = np.where(np.array(feasible) & (costs <= self._limit), 0.0, np.inf)
-        sums = np.zeros(len(vectors))
+        found = np.zeros((len(vectors), len(self._winners)))
         alive = np.flatnonzero(values < bounds)
-        for winners, distances in zip(self._winners, self._distances, strict=True):
-            sums[alive] += distances[winners(vectors[alive])]
-            values[alive] = self._value(sums[alive], costs[alive])
-            alive = alive[values[alive] < bounds[alive]]
+        for i in np.argsort(
+            -self._misses
+        ):  # what is missed by most decides soonest; the sum is in fixed order
+            found[alive, i] = self._distances[i][self._winners[i](vectors[alive])]
+            self._misses[i] += found[alive, i].sum()
+            values[alive] = self._value(found[alive].sum(axis=1), costs[alive])
+            alive = alive[values[alive] < bounds[alive] * _ROUNDING]
         return values
 
     def _value(self, sums: np.ndarray, costs: np.ndarray) -> np.ndarray:
