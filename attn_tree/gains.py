@@ -27,6 +27,7 @@ depend on how many.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -96,16 +97,21 @@ class LearnedGains:
         """Read what `save` wrote.
 
         Raises:
-            ValueError: it is no such file.
-            FileNotFoundError: there is none.
+            ValueError: the file holds something else, or is damaged.
+            FileNotFoundError: there is no file.
         """
         try:
             data = json.loads(Path(path).read_text())
             if data.pop("format") != _FORMAT:
                 raise ValueError("another format")
-            data["gains"] = Gains(**{name: tuple(weights) for name, weights in data["gains"].items()})
+            weights = data["gains"]
+            data["gains"] = Gains(*(tuple(weights[name]) for name in ("channels", "dimensions", "scales")))
             data["saliency"] = SaliencySettings(**data["saliency"])
             data["history"] = tuple(float(value) for value in data["history"])
+            for name in ("value", "alpha", "cpu_s"):
+                data[name] = float(data[name])
+            if data["objective"] not in ("distance", "cost") or type(data["limit"]) not in (int, type(None)):
+                raise ValueError("objective or limit")
             return cls(**data)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             reason = " ".join(str(error).split())[:120]
@@ -141,17 +147,22 @@ def learn_gains(
         progress: show a bar with the best value so far and the time left.
         checkpoint: a file that is written after every move and gone on from if it is there.
 
+    Returns:
+        The gains; their `value` is in pixels, or in pixels times cost.
+
     Raises:
-        ValueError: images and targets do not match, or no weights are feasible.
+        ValueError: images and targets do not match, an argument is out of range, or the checkpoint is
+            damaged or of another search.
     """
     settings, saliency = settings or CLPSOSettings(), saliency or SaliencySettings()
-    centers = _checked(images, targets, objective, limit)
+    centers = _checked(images, targets, objective, limit, alpha)
     start = time.process_time()
     identity = {
         "settings": json.loads(json.dumps(asdict(settings))),
         "saliency": asdict(saliency),
         "objective": [objective, limit, alpha, seed],
         "targets": [points.tolist() for points in centers],
+        "images": [hashlib.sha256(repr(i.shape).encode() + i.tobytes()).hexdigest()[:16] for i in images],
     }
     with _one_blas_thread(), ThreadPoolExecutor(workers) as pool:
         winners = list(pool.map(lambda image: Winners(image, saliency), images))
@@ -271,18 +282,27 @@ def _nearest(places: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _checked(
-    images: Sequence[np.ndarray], targets: Sequence[np.ndarray], objective: str, limit: int | None
+    images: Sequence[np.ndarray],
+    targets: Sequence[np.ndarray],
+    objective: str,
+    limit: int | None,
+    alpha: float,
 ) -> list[np.ndarray]:
     """The targets as `(k, 2)` arrays."""
     if objective not in ("distance", "cost"):
         raise ValueError(f"objective is {objective!r}; expected 'distance' or 'cost'")
     cheapest = _CHEAPEST
+    if not LOW <= alpha < HIGH:
+        raise ValueError(f"alpha is {alpha}; expected a weight from {LOW:.0f} to below {HIGH:.0f}")
     if limit is not None and limit < cheapest:
         raise ValueError(f"limit is {limit}; the cheapest weights cost {cheapest}")
     if len(images) != len(targets) or not len(images):
         raise ValueError(
             f"expected as many targets as images, at least 1, not {len(targets)} and {len(images)}"
         )
+    for i, points in enumerate(targets):
+        if np.shape(points)[-1:] != (2,) or np.ndim(points) > 2:
+            raise ValueError(f"image {i} needs centres (x, y) of its targets, (k, 2), not {np.shape(points)}")
     centers = [np.asarray(points, np.float64).reshape(-1, 2) for points in targets]
     for i, (image, points) in enumerate(zip(images, centers, strict=True)):
         Retina(image)  # says in one line what is wrong with an image

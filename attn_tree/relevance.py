@@ -104,7 +104,7 @@ def relevance_map(
     Raises:
         ValueError: no image has a fixation, one lies outside the image, or sigma or cell is not positive.
     """
-    if not sigma > 0 or not cell >= 1:
+    if not 0 < sigma < np.inf or not cell >= 1:
         raise ValueError(f"sigma is {sigma} and cell {cell}; expected pixels, more than 0 and at least 1")
     sides = [_sides(n, cell) for n in size]
     total, images = np.zeros((len(sides[1]) - 1, len(sides[0]) - 1)), 0

@@ -52,8 +52,10 @@ def main(
     from attn_tree.clpso import CLPSOSettings
     from attn_tree.gains import SaliencySettings, learn_gains
 
-    checkpoint = out.with_name(f"{out.name}.search.zip")
     with cli.mistakes():
+        if out.is_dir() or not out.name:
+            raise ValueError(f"--out is the folder {out}; expected a JSON file to write")
+        checkpoint = out.with_name(f"{out.name}.search.zip")
         if workers < 1:
             raise ValueError(f"--workers is {workers}; expected at least 1")
         images, targets = read_boxes(boxes)
@@ -87,8 +89,8 @@ def read_boxes(path: Path) -> tuple[list[np.ndarray], list[np.ndarray]]:
     from envs.tagged import Tagged, read_image
 
     found: dict[Path, list[list[float]]] = {}
-    with path.open(newline="") as file:
-        rows = csv.DictReader(file)
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        rows = csv.DictReader(file, skipinitialspace=True)
         if missing := [name for name in COLUMNS if name not in (rows.fieldnames or ())]:
             raise ValueError(f"{path}: column {missing[0]!r} is missing; expected {', '.join(COLUMNS)}")
         for number, row in enumerate(rows, 2):
@@ -96,6 +98,8 @@ def read_boxes(path: Path) -> tuple[list[np.ndarray], list[np.ndarray]]:
                 box = [float(row[name]) for name in COLUMNS[1:]]
             except (TypeError, ValueError):
                 raise ValueError(f"{path}, line {number}: x0, y0, x1, y1 must be numbers") from None
+            if not row["file"]:
+                raise ValueError(f"{path}, line {number}: names no file")
             beside = path.parent / row["file"]
             image = beside if beside.exists() else path.parent / "images" / row["file"]
             found.setdefault(image, []).append(box)

@@ -45,6 +45,8 @@ def main(
     if n < 1:
         raise cli.UserMistake(f"--n is {n}; expected at least 1 fixation")
     with cli.mistakes():
+        if out.suffix.lower() not in (".png", ".svg", ".pdf"):
+            raise ValueError(f"--out is {out}; expected a name that ends in .png, .svg or .pdf")
         pixels = read_image(image)
         learned = None if gains is None else LearnedGains.load(gains)
         settings = asdict(SaliencySettings() if learned is None else learned.saliency)
@@ -59,6 +61,8 @@ def main(
         draw_maps(pixels, maps, places, out, radius=reach)
     for order, (x, y) in enumerate(places, 1):
         print(f"{order}. x {x:.0f}, y {y:.0f}")
+    if not len(places):
+        print("nothing is salient: the image is the same everywhere")
     print(f"cost u · C̄ {maps.cost} of 52, {cost.fraction:.3g} of the image's pixels read; written to {out}")
     return 0
 
