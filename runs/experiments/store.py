@@ -161,7 +161,7 @@ def from_json(text: str | bytes, source: str) -> Line:
     for name, kind in kinds.items():
         if not isinstance(data.get(name), kind):
             raise RecordError(
-                f"{source}: the field '{name}' is missing or of the wrong type; restore the file or delete the line"
+                f"{source}: the field '{name}' is missing or of the wrong type; restore the file"
             )
     commit = data.get("git_commit")
     if not SAFE.fullmatch(data["key"]) or not (commit is None or isinstance(commit, str)):
