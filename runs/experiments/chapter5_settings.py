@@ -94,16 +94,18 @@ def compute_places(unit: Unit, lines: Lines) -> dict[str, Any]:
         vectors = vectors[[Gains.from_vector(vector).feasible for vector in vectors]]
         begin = time.process_time()
         winners = Winners(tagged.image, settings)
-        places = winners.positions()[winners(vectors)]
+        indices = winners(vectors)
+        places = winners.positions()[indices]
         fast_cpu += time.process_time() - begin
         begin = time.process_time()
-        for vector, place in zip(vectors, places, strict=True):
+        for vector, index, place in zip(vectors, indices, places, strict=True):
             maps = saliency_maps(tagged.image, Gains.from_vector(vector), **asdict(settings))
-            flips += not np.allclose(maps.fixations(1, 30)[0], place)
+            plain = maps.fixations(1, 30)
+            flips += not np.allclose(plain[0], place) if len(plain) else index >= 0
             tried += 1
         plain_cpu += time.process_time() - begin
     milliseconds = {"plain_ms": 1e3 * plain_cpu / tried, "fast_ms": 1e3 * fast_cpu / tried}
-    return {"flips": flips, "sample": tried, **milliseconds}
+    return {"flips": int(flips), "sample": tried, **milliseconds}
 
 
 def score_places(lines: Sequence[Line]) -> list[Table]:
