@@ -88,10 +88,12 @@ def read_image(file: Path) -> np.ndarray:
     """
     try:
         with Image.open(file) as image:
-            if image.mode.startswith(("I", "F")):
-                raise ValueError(f"{file} has more than 8 bits a channel; convert it to 8 bits first")
-            return np.array(image.convert("RGB"))
+            deep = image.mode.startswith(("I", "F"))
+            pixels = np.array(image.convert("RGB"))
     except FileNotFoundError:
         raise FileNotFoundError(f"{file} is not there; expected an image") from None
-    except (OSError, SyntaxError, Image.DecompressionBombError):
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         raise ValueError(f"{file} cannot be read as an image: repair or remove it") from None
+    if deep:
+        raise ValueError(f"{file} has more than 8 bits a channel; convert it to 8 bits first")
+    return pixels

@@ -295,7 +295,7 @@ def test_what_is_wrong_with_road_scenes_is_said(made_up: Path, monkeypatch: pyte
     with pytest.raises(ValueError, match="repair or remove"):
         gtsdb_crops("priority road", 0)
     image.unlink()
-    with pytest.raises(FileNotFoundError, match="data set lists it"):
+    with pytest.raises(FileNotFoundError, match="is not there; expected an image"):
         gtsdb_scenes("priority road")
     (made_up.parent / "boxes.csv").unlink()
     with pytest.raises(FileNotFoundError, match=r"no gt\.txt"):
