@@ -17,7 +17,7 @@ from scipy import ndimage
 from skimage import data
 
 import attn_tree
-from attn_tree.vision import pyramid, separable
+from attn_tree.vision import gabor, pyramid, separable
 from attn_tree.vision.competition import normalize
 from attn_tree.vision.retina import Retina, meter
 from attn_tree.vision.saliency import Gains, SaliencyMaps, fixations, saliency_map, saliency_maps
@@ -148,18 +148,19 @@ def test_pyramid_and_its_way_back() -> None:
     np.testing.assert_allclose(back, direct_enlarged(levels[3], (24, 32)), atol=1e-3)
 
 
-@pytest.mark.parametrize("angle", pyramid.ANGLES)
+@pytest.mark.parametrize("angle", gabor.ANGLES)
 def test_orientation(angle: int) -> None:
     image = pyramid.planes(PHOTOGRAPH, ["I"])["I"]
-    found = pyramid.orientations(image)[angle]
-    np.testing.assert_allclose(found, direct_gabor(image.astype(float), angle), atol=1e-3)
-    alone = pyramid.orientations(image, [angle])
-    assert list(alone) == [angle]
-    np.testing.assert_allclose(alone[angle], found, atol=1e-4)
+    for part in (image, image[:40, :50].copy(), image[:1, :3].copy()):
+        found = gabor.orientations(part)[angle]
+        np.testing.assert_allclose(found, direct_gabor(part.astype(float), angle), atol=1e-3)
+        alone = gabor.orientations(part, [angle])
+        assert list(alone) == [angle]
+        np.testing.assert_allclose(alone[angle], found, atol=1e-4)
     line = np.zeros((41, 41), np.float32)
     dx, dy = round(12 * np.cos(np.deg2rad(angle))), -round(12 * np.sin(np.deg2rad(angle)))
     cv2.line(line, (20 - dx, 20 - dy), (20 + dx, 20 + dy), 255, 3)
-    answers = {a: values[20, 20] for a, values in pyramid.orientations(line).items()}
+    answers = {a: values[20, 20] for a, values in gabor.orientations(line).items()}
     assert max(answers, key=lambda a: answers[a]) == angle
 
 
@@ -167,8 +168,11 @@ def test_orientation(angle: int) -> None:
 @pytest.mark.parametrize("size", [5, 7])
 def test_surround_inhibition(size: int, polarity: str) -> None:
     image = pyramid.planes(PHOTOGRAPH, ["RG"])["RG"]
-    expected = direct_surround(image.astype(float), size, polarity)
-    np.testing.assert_allclose(pyramid.surround_inhibition(image, size, polarity), expected, atol=1e-3)
+    for part in (image, image[:40, :50].copy()):
+        expected = direct_surround(part.astype(float), size, polarity)
+        found = pyramid.surround_inhibition(np.stack([part, -part]), size, polarity)
+        np.testing.assert_allclose(found[0], expected, atol=1e-3)
+        np.testing.assert_array_equal(found[0], pyramid.surround_inhibition(part, size, polarity))
 
 
 @settings(max_examples=30, deadline=None)
@@ -179,8 +183,14 @@ def test_competition(height: int, width: int, seed: int) -> None:
     generator = np.random.default_rng(seed)
     values = (generator.random((height, width)) ** generator.integers(1, 12)).astype(np.float32) * 50
     before = values.copy()
-    np.testing.assert_allclose(normalize(values), direct_normalize(values), atol=5e-3)
+    found = normalize(values)
+    np.testing.assert_allclose(found, direct_normalize(values), atol=5e-3)
     np.testing.assert_array_equal(values, before)
+    # In a stack each map competes by itself, the empty one too.
+    stacked = normalize(np.stack([values, 0 * values, 3 * values]))
+    np.testing.assert_array_equal(stacked[0], found)
+    assert not stacked[1].any()
+    np.testing.assert_allclose(stacked[2], found, atol=1e-4)
 
 
 def test_competition_keeps_one_peak_and_suppresses_many() -> None:
@@ -280,7 +290,7 @@ def check_products(
 
     with pytest.MonkeyPatch.context() as patch, meter() as cost:
         patch.setattr(separable, "between", recorded)
-        patch.setattr(pyramid, "between", recorded)
+        patch.setattr(gabor, "between", recorded)
         found = saliency_maps(PHOTOGRAPH, gains)
     assert cost.operations == operations
     np.testing.assert_allclose(found.saliency, expected.saliency, atol=1e-4 * expected.saliency.max())

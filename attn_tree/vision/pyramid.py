@@ -1,7 +1,7 @@
 """Feature pyramids of the saliency models (thesis 5.3.1, eq. 5.1–5.2, and 7.2).
 
-Colours, orientations, Gaussian pyramids, and the surround inhibition that the revised model
-applies to every scale by itself. Everything is float32, in the units of the image (0–255).
+Colours, orientations (`gabor.py`), Gaussian pyramids, and the surround inhibition that the revised
+model applies to every scale by itself. Everything is float32, in the units of the image (0–255).
 
 Where the thesis is silent or wrong:
 1. Halving averages after a binomial blur, together the 6 taps (1 5 10 10 5 1)/32 of the
@@ -12,33 +12,43 @@ Where the thesis is silent or wrong:
    costs a third of enlarging each to the full size.
 3. Yellow is min(r, g) − b (Itti et al. 1998) and not the printed r + g − 2(|r − g| + b),
    which `yellow="printed"` gives.
-4. Orientations are the magnitudes of quadrature pairs of Gabor filters, period 7, σ 7/3,
-   9 × 9 taps, without response to constant light. 0° answers to horizontal lines, 45° to
-   lines that rise to the right, 90° to vertical ones.
-5. The surround's mean includes the centre; without it all differences would be
+4. The surround's mean includes the centre; without it all differences would be
    n²/(n² − 1) times as large, which N(·) undoes. Both polarities count (|x − mean|), since
    of the printed max(0, x − mean) green, yellow and dark targets get no more than a halo;
    `polarity="printed"` gives that.
-6. At borders images are mirrored, or every border would be an edge.
+5. At borders images are mirrored, or every border would be an edge.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from typing import Literal
 
 import cv2
 import numpy as np
 
-from .separable import Matrices, between, filter_matrices, filtered, halved, resized, small, tall
+from .gabor import ANGLES, orientations
+from .separable import filtered, halved, resized, tall
 from .workspace import Workspace, parts
+
+__all__ = [
+    "ANGLES",
+    "Polarity",
+    "Yellow",
+    "collapse",
+    "enlarge",
+    "gaussian_pyramid",
+    "half",
+    "level_shapes",
+    "orientations",
+    "planes",
+    "surround_inhibition",
+]
 
 Polarity = Literal["both", "printed"]
 Yellow = Literal["itti", "printed"]
 
-ANGLES = (0, 45, 90, 135)  # degrees, counter-clockwise from horizontal
-GABOR_PERIOD, GABOR_SIGMA, GABOR_TAPS = 7.0, 7 / 3, 9
 _BINOMIAL = np.array([1, 4, 6, 4, 1], np.float32) / 16
 
 
@@ -47,7 +57,7 @@ def planes(
     wanted: Collection[str] = ("RG", "BY", "I"),
     yellow: Yellow = "itti",
     work: Workspace | None = None,
-    out: Sequence[np.ndarray] | np.ndarray | None = None,
+    out: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """What the pyramids are built of, `(H, W)` float32 each.
 
@@ -56,10 +66,11 @@ def planes(
 
     Args:
         image: `(H, W, 3)` uint8; `(H, W)` for "I" alone.
-        out: where to put them, in the order of `wanted`.
+        out: where to put them, `(n, H, W)`, in the order of `wanted`.
     """
     work = work or Workspace()
-    maps = dict(zip(wanted, _places(out, len(wanted), image.shape[:2], work), strict=True))
+    stack = work.empty((len(wanted), *image.shape[:2])) if out is None else out
+    maps = dict(zip(wanted, stack, strict=True))
     if image.ndim == 2:
         for plane in maps.values():
             np.copyto(plane, image)
@@ -92,13 +103,6 @@ def planes(
             _clipped(x, cv2.THRESH_TOZERO)  # 2B
             _scaled(cv2.add(cv2.add(y, y, dst=y), x, dst=x), 0.5, maps["BY"])
     return maps
-
-
-def _places(
-    out: Sequence[np.ndarray] | np.ndarray | None, maps: int, shape: tuple[int, ...], work: Workspace
-) -> Sequence[np.ndarray] | np.ndarray:
-    """Where results go: to `out`, or to arrays lent."""
-    return [work.empty(shape) for _ in range(maps)] if out is None else out
 
 
 def _views(shape: tuple[int, ...], dtype: type, arrays: int, work: Workspace) -> Iterator[np.ndarray]:
@@ -176,100 +180,6 @@ def collapse(
             if level in maps:
                 cv2.scaleAdd(tall(maps[level][part]), float(weights[level]), tall(fine), dst=tall(fine))
     return total
-
-
-def orientations(
-    image: np.ndarray,
-    angles: Collection[int] = ANGLES,
-    work: Workspace | None = None,
-    out: Sequence[np.ndarray] | np.ndarray | None = None,
-) -> dict[int, np.ndarray]:
-    """Magnitude of the Gabor response of a `(H, W)` float32 image at each angle asked for.
-
-    A Gabor filter with a round envelope is a sum of products of filters along one axis, and
-    the two diagonals consist of the same products: 9 separable filters in all.
-
-    Args:
-        out: where to put them, in the order of `ANGLES`.
-    """
-    work = work or Workspace()
-    chosen = tuple(angle for angle in ANGLES if angle in angles)
-    maps = dict(zip(chosen, _places(out, len(chosen), image.shape, work), strict=True))
-    kernels, wanted, matrices = gabor_kernels(), gabor_products(chosen), small(image.shape)
-    work.count(filter_taps=2 * GABOR_TAPS * image.size * len(wanted))
-    with work.scope():
-        a, b, c = (work.empty(image.shape) for _ in range(3))
-        if matrices:
-            found = dict(zip(wanted, between(_gabor_matrices(wanted, image.shape), image), strict=True))
-
-        def response(along_x: str, along_y: str, into: np.ndarray) -> np.ndarray:
-            if matrices:
-                return found[along_x, along_y]
-            return filtered(image, kernels[along_x], kernels[along_y], into)
-
-        if 0 in maps:
-            cv2.magnitude(response("envelope", "even", a), response("envelope", "odd", b), maps[0])
-        if 90 in maps:
-            cv2.magnitude(response("even", "envelope", a), response("odd", "envelope", b), maps[90])
-        if 45 in maps or 135 in maps:
-            constant = response("envelope", "envelope", a)
-            even = cv2.scaleAdd(constant, -diagonal_offset(), response("even'", "even'", b), dst=b)
-            odd_odd = response("odd'", "odd'", a)
-            if 45 in maps:
-                cv2.subtract(even, odd_odd, dst=maps[45])
-            if 135 in maps:
-                cv2.add(even, odd_odd, dst=maps[135])
-            even_odd, odd_even = response("even'", "odd'", a), response("odd'", "even'", b)
-            if 45 in maps:
-                cv2.magnitude(maps[45], cv2.add(even_odd, odd_even, dst=c), maps[45])
-            if 135 in maps:
-                cv2.magnitude(maps[135], cv2.subtract(even_odd, odd_even, dst=c), maps[135])
-    return maps
-
-
-@cache
-def gabor_products(angles: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
-    """The filters along x and y that the filters at these angles consist of."""
-    diagonal = [("envelope", "envelope"), *((x, y) for x in ("even'", "odd'") for y in ("even'", "odd'"))]
-    pairs = {
-        0: [("envelope", "even"), ("envelope", "odd")],
-        90: [("even", "envelope"), ("odd", "envelope")],
-        45: diagonal,
-        135: diagonal,
-    }
-    return tuple(dict.fromkeys(pair for angle in angles for pair in pairs[angle]))
-
-
-@lru_cache(maxsize=256)
-def _gabor_matrices(wanted: tuple[tuple[str, str], ...], shape: tuple[int, int]) -> Matrices:
-    """The matrices of several filters for images of one shape, `(k, H, H)` and `(k, W, W)`."""
-    kernels = gabor_kernels()
-    found = [filter_matrices(kernels[x].tobytes(), kernels[y].tobytes(), shape) for x, y in wanted]
-    return np.stack([columns for columns, _ in found]), np.stack([rows for _, rows in found])
-
-
-@cache
-def gabor_kernels() -> dict[str, np.ndarray]:
-    """The 9-tap filters along one axis of which Gabor filters are made; primes mark the diagonals'."""
-    places = np.arange(GABOR_TAPS) - GABOR_TAPS // 2
-    envelope = np.exp(-0.5 * (places / GABOR_SIGMA) ** 2)
-    envelope /= envelope.sum()
-    wave, diagonal = 2 * np.pi / GABOR_PERIOD, 2 * np.pi / GABOR_PERIOD / np.sqrt(2)
-    even = envelope * np.cos(wave * places)
-    kernels = {
-        "envelope": envelope,
-        "even": even - even.sum() * envelope,
-        "odd": envelope * np.sin(wave * places),
-        "even'": envelope * np.cos(diagonal * places),
-        "odd'": envelope * np.sin(diagonal * places),
-    }
-    return {name: kernel.astype(np.float32) for name, kernel in kernels.items()}
-
-
-@cache
-def diagonal_offset() -> float:
-    """How much of the envelope the even diagonal filters must lose to ignore constant light."""
-    return float(gabor_kernels()["even'"].sum() ** 2)
 
 
 def surround_inhibition(

@@ -20,8 +20,8 @@ array([[100.,  50.]])
 Deviations: (1) one weight per dimension, as in figure 5.4, where eq. 5.4 prints one per
 channel; (2) the basic model's scales are c = 2…4 and s = c + 3, c + 4, as in the original,
 where eq. 7.2 prints c + 2…c + 4; its map is worked out at scale 4 and enlarged to the size of the
-image; it uses the same Gabor filters as the revised model; (3) those of `pyramid.py` and
-`competition.py`. Since N(·) rescales, equal factors on all scales, or on all dimensions of a
+image; it uses the same Gabor filters as the revised model; (3) those of `pyramid.py`, `gabor.py`
+and `competition.py`. Since N(·) rescales, equal factors on all scales, or on all dimensions of a
 channel, change nothing: about 11 of the 16 weights are identifiable.
 """
 
@@ -37,6 +37,7 @@ import numpy as np
 
 from .competition import PASSES, difference_of_gaussians, normalize
 from .fixations import fixations
+from .gabor import orientations
 from .pyramid import (
     Polarity,
     Yellow,
@@ -44,7 +45,6 @@ from .pyramid import (
     enlarge,
     half,
     level_shapes,
-    orientations,
     planes,
     surround_inhibition,
 )
@@ -61,6 +61,7 @@ Stacks = tuple[dict[tuple[int, ...], np.ndarray], np.ndarray]  # contrasts, and 
 _BASIC_PAIRS = tuple((c, c + delta) for c in (2, 3, 4) for delta in (3, 4))
 _BASIC_LEVELS = tuple(sorted({level for pair in _BASIC_PAIRS for level in pair}))
 _BASIC_SCALE = 4  # at which the basic model adds its maps
+_BOTTOM_UP = Gains()
 ROUNDING = 1e-3  # grey levels; a difference below this is no difference
 
 
@@ -175,14 +176,15 @@ def _compute(
         raise ValueError("the basic model cannot be biased, its scales depend on each other; leave out gains")
     if not 0 < resolution <= 1:
         raise ValueError(f"resolution is {resolution}; expected a share of the image's size in (0, 1]")
-    gains = gains or Gains()
+    gains = gains or _BOTTOM_UP
     if not gains.feasible:
         raise ValueError("these gains are all off; switch on a channel, one of its dimensions and a scale")
     retina = image if isinstance(image, Retina) else Retina(image)
-    retina.count(saliency_cost=gains.cost)
+    cost = gains.cost
+    retina.count(saliency_cost=cost)
     seen = _look(retina, resolution)
     shape = (seen.shape[0], seen.shape[1])
-    result = SaliencyMaps(aligned(shape), {}, {}, {}, gains.cost, (retina.width, retina.height))
+    result = SaliencyMaps(aligned(shape), {}, {}, {}, cost, (retina.width, retina.height))
     active = [name for name in gains.active_dimensions if seen.ndim == 3 or CHANNEL_OF[name] != "C"]
     if not active:  # colours alone, in a grey image
         result.saliency[:] = 0
