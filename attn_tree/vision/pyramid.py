@@ -75,6 +75,13 @@ def planes(
         for plane in maps.values():
             np.copyto(plane, image)
         return maps
+    for rows in parts(stack[0][:, None]):
+        _colours(image[rows], {name: plane[rows] for name, plane in maps.items()}, yellow, work)
+    return maps
+
+
+def _colours(image: np.ndarray, maps: Mapping[str, np.ndarray], yellow: Yellow, work: Workspace) -> None:
+    """`planes` of a colour image, or of some of its rows."""
     with work.scope():
         # In whole numbers, doubled, which fits 16 bits and is exact: 2R = (r − g) + (r − b). The
         # arrays lent have the bytes of two arrays of 16 bits, and of four of 8.
@@ -102,7 +109,6 @@ def planes(
             _clipped(y, cv2.THRESH_TRUNC)  # −Y
             _clipped(x, cv2.THRESH_TOZERO)  # 2B
             _scaled(cv2.add(cv2.add(y, y, dst=y), x, dst=x), 0.5, maps["BY"])
-    return maps
 
 
 def _views(shape: tuple[int, ...], dtype: type, arrays: int, work: Workspace) -> Iterator[np.ndarray]:
