@@ -238,9 +238,8 @@ class _Fitness:
         values = np.where(np.array(feasible) & (costs <= self._limit), 0.0, np.inf)
         found = np.zeros((len(vectors), len(self._winners)))
         alive = np.flatnonzero(values < bounds)
-        for i in np.argsort(
-            -self._misses
-        ):  # what is missed by most decides soonest; the sum is in fixed order
+        # What is missed by most decides soonest; the sum is in fixed order all the same.
+        for i in np.argsort(-self._misses):
             found[alive, i] = self._distances[i][self._winners[i](vectors[alive])]
             self._misses[i] += found[alive, i].sum()
             values[alive] = self._value(found[alive].sum(axis=1), costs[alive])
@@ -291,11 +290,10 @@ def _checked(
     """The targets as `(k, 2)` arrays."""
     if objective not in ("distance", "cost"):
         raise ValueError(f"objective is {objective!r}; expected 'distance' or 'cost'")
-    cheapest = _CHEAPEST
     if not LOW <= alpha < HIGH:
         raise ValueError(f"alpha is {alpha}; expected a weight from {LOW:.0f} to below {HIGH:.0f}")
-    if limit is not None and limit < cheapest:
-        raise ValueError(f"limit is {limit}; the cheapest weights cost {cheapest}")
+    if limit is not None and limit < _CHEAPEST:
+        raise ValueError(f"limit is {limit}; the cheapest weights cost {_CHEAPEST}")
     if len(images) != len(targets) or not len(images):
         raise ValueError(
             f"expected as many targets as images, at least 1, not {len(targets)} and {len(images)}"

@@ -145,7 +145,7 @@ def compute_full(unit: Unit, lines: Lines) -> dict[str, Any]:
 
 
 def score_full(lines: Sequence[Line]) -> list[Table]:
-    """Time, flips and rates."""
+    """Time, fitness and rates."""
     rows: list[list[Any]] = []
     for line in lines:
         s = line.scores
