@@ -38,10 +38,13 @@ class ImageBank:
     Attributes:
         names: one per class.
         classes: one `(V, H, W, 3)` uint8 array per class, RGB, read-only; V may differ.
+        angles: of each class, by how many degrees each view is turned, `(V,)` int; None where
+            views are not turns of one object.
     """
 
     names: tuple[str, ...]
     classes: tuple[np.ndarray, ...]
+    angles: tuple[np.ndarray, ...] | None = None
 
     def __post_init__(self) -> None:
         for array in self.classes:
@@ -87,6 +90,33 @@ class ImageBank:
             heldout.append(array[order[n_train : n_train + n_heldout]])
         return ImageBank(self.names, tuple(train)), ImageBank(self.names, tuple(heldout))
 
+    def split_by_angle(self, every: int) -> tuple[ImageBank, ImageBank]:
+        """Train on the views at multiples of `every` degrees, hold out all views between them.
+
+        Views come in the order of their angles. Classes may keep different numbers of views
+        (copies of COIL-100 may miss a few).
+
+        Raises:
+            ValueError: the views have no angles, or a class has none at, or none between, the multiples.
+        """
+        if self.angles is None:
+            raise ValueError(
+                "this bank's views have no angles: use coil100, rendered, or files named as obj7__45.png"
+            )
+        parts: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+        kept: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+        for name, array, angles in zip(self.names, self.classes, self.angles, strict=True):
+            order = np.argsort(angles, kind="stable")
+            trained = angles[order] % every == 0 if every > 0 else np.zeros(len(order), bool)
+            for side, chosen in enumerate((order[trained], order[~trained])):
+                if not len(chosen):
+                    where = f"between multiples of {every}°" if side else f"at multiples of {every}°"
+                    raise ValueError(f"class {name!r} has no view {where}: choose another train_every")
+                parts[side].append(array[chosen])
+                kept[side].append(angles[chosen])
+        train, heldout = (ImageBank(self.names, tuple(p), tuple(a)) for p, a in zip(parts, kept, strict=True))
+        return train, heldout
+
 
 def pixels(size: Size) -> tuple[int, int]:
     """(width, height) of `size`, a side or a pair."""
@@ -96,12 +126,14 @@ def pixels(size: Size) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def make_bank(kind: str | Path, classes: int, views: int, size: Size = 128, seed: int = 0) -> ImageBank:
+def make_bank(
+    kind: str | Path, classes: int, views: int | None, size: Size = 128, seed: int = 0
+) -> ImageBank:
     """A bank of `classes` classes with `views` views each.
 
     Args:
         kind: "photographs", "rendered", "coil100" or the path of a folder (see `folder`).
-        classes, views: how many.
+        classes, views: how many; None for all the views there are (not of photographs).
         size: side in pixels, or (width, height).
         seed: which classes and which views.
 
@@ -109,17 +141,22 @@ def make_bank(kind: str | Path, classes: int, views: int, size: Size = 128, seed
         ValueError: the kind is unknown or cannot provide so many.
         FileNotFoundError: the folder is missing.
     """
-    if classes < 1 or views < 1:
+    if classes < 1 or (views is not None and views < 1):
         raise ValueError(f"a bank needs at least 1 class and 1 view, not {classes} and {views}")
-    return _make_bank(str(kind), int(classes), int(views), pixels(size), int(seed))
+    count = None if views is None else int(views)
+    return _make_bank(str(kind), int(classes), count, pixels(size), int(seed))
 
 
 @lru_cache(maxsize=4)
-def _make_bank(kind: str, classes: int, views: int, size: tuple[int, int], seed: int) -> ImageBank:
-    if kind in ("photographs", "rendered"):
-        draw = photograph_views if kind == "photographs" else object_views
-        names, arrays = draw(classes, views, size, seed)
+def _make_bank(kind: str, classes: int, views: int | None, size: tuple[int, int], seed: int) -> ImageBank:
+    if kind == "photographs":
+        if views is None:
+            raise ValueError("photographs have views without end: say how many views")
+        names, arrays = photograph_views(classes, views, size, seed)
         return ImageBank(tuple(names), tuple(arrays))
+    if kind == "rendered":
+        names, arrays, angles = object_views(classes, views, size, seed)
+        return ImageBank(tuple(names), tuple(arrays), tuple(angles))
     if kind == "coil100":
         return coil100(classes=classes, views=views, size=size, seed=seed)
     if os.sep not in kind and not Path(kind).exists():
@@ -185,7 +222,7 @@ def folder(
         if classes > len(names):
             raise ValueError(f"{path}: {classes} classes were asked for, there are {len(names)}")
         names = [names[i] for i in sorted(rng.permutation(len(names))[:classes])]
-    arrays, fit = [], None if size is None else pixels(size)
+    arrays, angles, fit = [], [], None if size is None else pixels(size)
     for name in names:
         files = sorted(found[name], key=lambda file: _natural(file.stem))
         if views is not None and views > len(files):
@@ -200,7 +237,10 @@ def folder(
             fit = fit or (picture.shape[1], picture.shape[0])
             pictures.append(_fit(picture, fit))
         arrays.append(np.stack(pictures))
-    return ImageBank(tuple(names), tuple(arrays))
+        turns = [NUMBERED.match(file.stem) for file in files]
+        angles.append(np.array([int(turn["view"]) if turn else -1 for turn in turns]))
+    turned = all((turns >= 0).all() for turns in angles)
+    return ImageBank(tuple(names), tuple(arrays), tuple(angles) if turned else None)
 
 
 def _classes_in(path: Path) -> dict[str, list[Path]]:

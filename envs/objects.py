@@ -44,32 +44,33 @@ class Body:
 
 
 def object_views(
-    classes: int, views: int, size: tuple[int, int], seed: int
-) -> tuple[list[str], list[np.ndarray]]:
+    classes: int, views: int | None, size: tuple[int, int], seed: int
+) -> tuple[list[str], list[np.ndarray], list[np.ndarray]]:
     """`classes` objects, `views` random angles of each.
 
     Args:
-        classes, views: how many; at most 72 views.
+        classes, views: how many; at most 72 views, None for all of them.
         size: (width, height).
         seed: which objects, which angles. More views or classes do not change the earlier ones.
 
     Returns:
-        Names and `(V, H, W, 3)` uint8 each.
+        Names, `(V, H, W, 3)` uint8 each, and `(V,)` degrees each.
 
     Raises:
         ValueError: more than 72 views.
     """
-    if views > STEPS:
+    if views is not None and views > STEPS:
         raise ValueError(f"a rendered object has {STEPS} views, not {views}: lower views or heldout_views")
-    names, arrays = [], []
+    names, arrays, turns = [], [], []
     for rank in range(classes):
         rng = np.random.default_rng([seed, 4, rank])
         word = WORDS[int(rng.integers(len(WORDS)))]
         body = _body(word, rng)
-        angles = rng.permutation(STEPS)[:views] * (2 * np.pi / STEPS)
+        steps = rng.permutation(STEPS)[:views]
         names.append(f"{'box' if body.half else 'jar'} {rank + 1} {word}")
-        arrays.append(_draw_views(body, angles, size))
-    return names, arrays
+        arrays.append(_draw_views(body, steps * (2 * np.pi / STEPS), size))
+        turns.append(steps * (360 // STEPS))
+    return names, arrays, turns
 
 
 # -------------------------------------------------------------------- what there is

@@ -18,15 +18,14 @@ from envs.world import World
 
 def recognition_world(bank: ImageBank) -> World:
     """The one-step world of a bank: state c shows class c, action c names it."""
-    classes = bank.stacked
-    count, views = classes.shape[:2]
-    blank = np.full(classes.shape[2:], PAPER, np.uint8)
+    count, each = len(bank), np.array([len(array) for array in bank.classes])
+    blank = np.full(bank.images(0).shape[1:], PAPER, np.uint8)
     reward = np.full((count + 1, count, 1), -1.0)
     reward[np.arange(count), np.arange(count)] = 1.0
     reward[count] = 0.0
     over = np.arange(count + 1) == count
-    rows = np.arange(count + 1)[:, None] * views + np.arange(views)
-    rows[over] = count * views
+    first, most = np.append(0, each.cumsum()), np.append(each, 1)
+    rows = first[:, None] + np.arange(most.max()) % most[:, None]  # padded by its first views
     return World(
         next_state=np.full((count + 1, count, 1), count),
         probability=np.ones((count + 1, count, 1)),
@@ -34,8 +33,8 @@ def recognition_world(bank: ImageBank) -> World:
         terminal=over,
         start=np.where(over, 0, 1 / count),
         views=rows,
-        n_views=np.where(over, 1, views),
-        images=np.concatenate([classes.reshape(-1, *classes.shape[2:]), blank[None]]),
+        n_views=most,
+        images=np.concatenate([*bank.classes, blank[None]]),
         state_names=[*bank.names, "over"],
         action_names=bank.names,
     )
@@ -48,6 +47,7 @@ def object_recognition(
     views: int = 1,
     heldout_views: int = 5,
     image_size: Size = 128,
+    train_every: int | None = None,
 ) -> Worlds:
     """Name the object.
 
@@ -79,6 +79,9 @@ def object_recognition(
         views: training views per object.
         heldout_views: further views for the held-out world; 0 for none.
         image_size: side in pixels, or (width, height).
+        train_every: degrees; for objects on a turntable ("coil100", "rendered", a folder of files
+            named as obj7__45.png). All views at multiples of it are trained on and all views
+            between are held out; `views` and `heldout_views` do not count then.
 
     Raises:
         ValueError: an impossible option, a bank that cannot provide the images.
@@ -87,6 +90,9 @@ def object_recognition(
         raise ValueError(f"classes must be at least 2, not {classes}: one object needs no recognition")
     if views < 1 or heldout_views < 0:
         raise ValueError(f"views must be at least 1 and heldout_views 0, not {views} and {heldout_views}")
+    if train_every is not None:
+        turning = make_bank(bank, classes, None, pixels(image_size), bank_seed)
+        return Worlds(*map(recognition_world, turning.split_by_angle(train_every)))
     whole = make_bank(bank, classes, views + heldout_views, pixels(image_size), bank_seed)
     train, heldout = whole.split(views, heldout_views)
     return Worlds(recognition_world(train), recognition_world(heldout) if heldout_views else None)

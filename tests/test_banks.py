@@ -6,6 +6,7 @@ import pytest
 
 from envs.banks import ImageBank, coil100, data_folder, folder, make_bank
 from envs.photographs import KEYPOINTS, photograph_views
+from envs.recognition import object_recognition
 
 KINDS = ["photographs", "rendered"]
 
@@ -102,6 +103,44 @@ def test_split_keeps_views_apart_and_refuses_too_many():
         bank.images(0)[0] = 1
 
 
+def test_a_turntable_is_split_by_angle(tmp_path):
+    for number in (2, 10):
+        for angle in range(0, 360, 60 if number == 2 else 30):  # the second object has more views
+            write(tmp_path / f"obj{number}__{angle}.png", angle % 256, (16, 16))
+    train, heldout = make_bank(str(tmp_path), 2, None, 16).split_by_angle(120)
+    assert [len(array) for array in train.classes] == [3, 3]
+    assert [angles.tolist() for angles in heldout.angles] == [
+        [60, 180, 300],
+        [30, 60, 90, 150, 180, 210, 270, 300, 330],
+    ]
+    for bank in (train, heldout):
+        for array, angles in zip(bank.classes, bank.angles, strict=True):
+            assert (array[:, 0, 0, 2] == angles % 256).all()
+    world, unseen = object_recognition(2, bank=str(tmp_path), image_size=16, train_every=120)
+    assert world.n_images == 7 and unseen.n_images == 13
+    assert unseen.n_views.tolist() == [3, 9, 1]  # classes may differ; rows are padded by repeating
+    assert (unseen.views[0] == [0, 1, 2] * 3).all() and (unseen.views[2] == 12).all()
+    for bank, every, message in [
+        (str(tmp_path), 60, "'obj2' has no view between multiples of 60°"),
+        (str(tmp_path), 0, "no view at multiples of 0°"),
+        ("photographs", 20, "say how many views"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            object_recognition(2, bank=bank, image_size=16, train_every=every)
+    with pytest.raises(ValueError, match="no angles"):
+        make_bank("photographs", 2, 2, 32).split_by_angle(20)
+
+
+def test_rendered_objects_know_their_angles():
+    bank = make_bank("rendered", 2, None, 32)
+    train, heldout = bank.split_by_angle(20)
+    assert train.n_views == 18 and heldout.n_views == 54
+    assert train.angles[0].tolist() == list(range(0, 360, 20))
+    views = bank.images(0)[bank.angles[0].argsort()].astype(float)
+    near, far = (np.abs(np.roll(views, -step, axis=0) - views).mean() for step in (1, 9))
+    assert near < 0.5 * far  # 5° apart, 45° apart
+
+
 # -------------------------------------------------------------------- folders
 
 
@@ -155,3 +194,13 @@ def test_coil_100_as_it_is_on_disk():
     assert bank.stacked.shape == (13, 6, 128, 128, 3)
     assert all(name.startswith("obj") for name in bank.names)
     assert bank.stacked.std(axis=(2, 3)).min() > 1
+
+
+@pytest.mark.data
+@pytest.mark.skipif(data_folder("coil100") is None, reason="COIL-100 is absent: set ATTN_TREE_DATA")
+def test_coil_100_trained_every_twenty_degrees():
+    bank = make_bank("coil100", 16, None, 32)
+    train, heldout = bank.split_by_angle(20)
+    for name, at, between in zip(train.names, train.angles, heldout.angles, strict=True):
+        assert len(at) >= 17 and (at % 20 == 0).all(), name
+        assert len(between) >= 17 and (between % 20 != 0).all(), name
