@@ -1,8 +1,9 @@
 """Image banks: classes of images, several views of each, for a world to show.
 
-`make_bank` knows four kinds: "photographs" (crops of the photographs that
-scikit-image and scikit-learn ship), "rendered" (textured objects turning on a table,
-drawn here: the stand-in for COIL-100), "coil100", and any folder of classes. A bank is a
+`make_bank` knows five kinds: "photographs" (crops of the photographs that scikit-image and
+scikit-learn ship), "photographs-strong" (the same crops, the camera moving about twice as far
+between views: the major transformations of figure 8.18), "rendered" (textured objects turning on
+a table, drawn here: the stand-in for COIL-100), "coil100", and any folder of classes. A bank is a
 function of (kind, classes, views, size, seed); building it twice costs nothing.
 
 COIL-100 (Nene, Nayar and Murase 1996) is the thesis's bank in chapter 8. It is read
@@ -24,10 +25,11 @@ import numpy as np
 from PIL import Image
 
 from envs.objects import object_views
-from envs.photographs import photograph_views
+from envs.photographs import MODERATE, STRONG, photograph_views
 
 Size = int | Sequence[int]
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".webp"}
+MOVES = {"photographs": MODERATE, "photographs-strong": STRONG}
 NUMBERED = re.compile(r"(?P<class>[a-zA-Z]+\d+)__(?P<view>\d+)$")  # COIL's obj7__45
 
 
@@ -132,7 +134,8 @@ def make_bank(
     """A bank of `classes` classes with `views` views each.
 
     Args:
-        kind: "photographs", "rendered", "coil100" or the path of a folder (see `folder`).
+        kind: "photographs", "photographs-strong", "rendered", "coil100" or the path of a folder
+            (see `folder`).
         classes, views: how many; None for all the views there are (not of photographs).
         size: side in pixels, or (width, height).
         seed: which classes and which views.
@@ -149,10 +152,10 @@ def make_bank(
 
 @lru_cache(maxsize=4)
 def _make_bank(kind: str, classes: int, views: int | None, size: tuple[int, int], seed: int) -> ImageBank:
-    if kind == "photographs":
+    if kind in MOVES:
         if views is None:
             raise ValueError("photographs have views without end: say how many views")
-        names, arrays = photograph_views(classes, views, size, seed)
+        names, arrays = photograph_views(classes, views, size, seed, MOVES[kind])
         return ImageBank(tuple(names), tuple(arrays))
     if kind == "rendered":
         names, arrays, angles = object_views(classes, views, size, seed)
@@ -161,7 +164,8 @@ def _make_bank(kind: str, classes: int, views: int | None, size: tuple[int, int]
         return coil100(classes=classes, views=views, size=size, seed=seed)
     if os.sep not in kind and not Path(kind).exists():
         raise ValueError(
-            f"unknown bank {kind!r}: use photographs, rendered, coil100 or the path of a folder of classes"
+            f"unknown bank {kind!r}: use {', '.join(MOVES)}, rendered, coil100 or the path of a folder of "
+            "classes"
         )
     return folder(kind, classes=classes, views=views, size=size, seed=seed)
 

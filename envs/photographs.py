@@ -3,7 +3,8 @@
 A class of the bank is one place of one photograph. Its view 0 is the plain crop;
 every further view is the same place seen by a camera that has turned, rolled,
 come nearer or farther, shifted, and met other light. All views are sampled from the
-photograph itself, so that nothing is made up at the borders.
+photograph itself, so that nothing is made up at the borders. How far the camera moves is a `Moves`:
+`MODERATE`, or `STRONG` for the "major translation, scale and rotation" of figure 8.18.
 
 Two crops never overlap by much, and a crop without texture is never handed out: each of
 its nine parts must hold SIFT keypoints, or a local method would be asked to tell
@@ -13,6 +14,7 @@ apart what nobody can.
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -43,6 +45,28 @@ CONTRAST = 6.0  # and at least this mean gradient, grey levels a pixel, in each 
 MARGIN = 1.12  # a crop's centre stays this many half-sides away from the border
 OVERLAP = 0.15  # of their area that two crops may share
 
+
+@dataclass(frozen=True)
+class Moves:
+    """Ranges that the camera's moves are drawn from, uniformly (the scale in its logarithm).
+
+    Attributes:
+        roll, yaw, pitch: degrees to either side.
+        nearest, farthest: width of what is seen, in widths of the plain crop.
+        shift: to either side along x and along y, in widths of the plain crop.
+    """
+
+    roll: float = 20
+    yaw: float = 28
+    pitch: float = 22
+    nearest: float = 0.78
+    farthest: float = 1.2
+    shift: float = 0.08
+
+
+MODERATE = Moves()
+STRONG = Moves(roll=40, yaw=36, pitch=30, nearest=0.6, farthest=1.45, shift=0.2)
+
 Crop = tuple[str, float, float, float]  # photograph, centre x and y, width in native pixels
 
 
@@ -71,7 +95,7 @@ FILES = {Path(name).stem: (package, name) for package, names in PHOTOGRAPHS.item
 
 
 def photograph_views(
-    classes: int, views: int, size: tuple[int, int], seed: int
+    classes: int, views: int, size: tuple[int, int], seed: int, moves: Moves = MODERATE
 ) -> tuple[list[str], list[np.ndarray]]:
     """`classes` textured crops with `views` views each.
 
@@ -79,6 +103,7 @@ def photograph_views(
         classes, views: how many.
         size: (width, height) of an image; crops of 128 to 320 native pixels are scaled to it.
         seed: which crops, which views. More views do not change the earlier ones.
+        moves: how far the camera moves between views.
 
     Returns:
         Names (`china 231,140`: photograph and centre) and `(V, H, W, 3)` uint8 each.
@@ -102,7 +127,7 @@ def photograph_views(
         stack = np.empty((views, size[1], size[0], 3), np.uint8)
         for view in range(views):
             rng = np.random.default_rng([seed, 2, rank, view])
-            stack[view] = _view(_photograph(*FILES[name]), (x, y), width, size, rng if view else None)
+            stack[view] = _view(_photograph(*FILES[name]), (x, y), width, size, moves, rng if view else None)
         arrays.append(stack)
     return [f"{name} {x:.0f},{y:.0f}" for name, x, y, _ in crops], arrays
 
@@ -178,6 +203,7 @@ def _view(
     center: tuple[float, float],
     width: float,
     size: tuple[int, int],
+    moves: Moves,
     rng: np.random.Generator | None,
 ) -> np.ndarray:
     """The place at `center`, `width` native pixels wide, seen plainly or (with `rng`) from elsewhere."""
@@ -185,8 +211,8 @@ def _view(
     corners = np.array([[-1, -aspect], [1, -aspect], [1, aspect], [-1, aspect]])
     shift = np.zeros(2)
     if rng is not None:
-        corners = _seen_from(corners, rng)
-        shift = rng.uniform(-0.08, 0.08, 2) * width
+        corners = _seen_from(corners, moves, rng)
+        shift = rng.uniform(-moves.shift, moves.shift, 2) * width
     half = corners * (width / 2)
     limits = np.array([photograph.shape[1] - 1, photograph.shape[0] - 1])
     half *= min(1.0, float((limits / np.ptp(half, axis=0)).min()))
@@ -203,10 +229,11 @@ def _view(
     return image if rng is None else relight(image, rng)
 
 
-def _seen_from(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _seen_from(corners: np.ndarray, moves: Moves, rng: np.random.Generator) -> np.ndarray:
     """The frame's corners on the photograph's plane, for a camera that moved: rotation, tilt, scale."""
-    roll, yaw, pitch = np.deg2rad(rng.uniform((-20, -28, -22), (20, 28, 22)))
-    scale = np.exp(rng.uniform(np.log(0.78), np.log(1.2)))
+    most = np.array([moves.roll, moves.yaw, moves.pitch])
+    roll, yaw, pitch = np.deg2rad(rng.uniform(-most, most))
+    scale = np.exp(rng.uniform(np.log(moves.nearest), np.log(moves.farthest)))
     turn = np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
     x, y = (corners @ turn.T).T
     depth = x * np.sin(yaw) + y * np.sin(pitch)

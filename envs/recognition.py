@@ -74,7 +74,8 @@ def object_recognition(
     ## Arguments
     Args:
         classes: how many objects, at least 2.
-        bank: "photographs", "rendered", "coil100" or the path of a folder of classes.
+        bank: "photographs", "photographs-strong" (the camera moves farther between views), "rendered",
+            "coil100" or the path of a folder of classes.
         bank_seed: which objects and which views.
         views: training views per object.
         heldout_views: further views for the held-out world; 0 for none.

@@ -19,7 +19,7 @@ def keypoints_in_nine_parts(image: np.ndarray) -> np.ndarray:
     return counts
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, "photographs-strong"])
 def test_a_bank_is_a_function_of_its_arguments(kind):
     first = make_bank(kind, 5, 3, 64, seed=1)
     make_bank.__globals__["_make_bank"].cache_clear()
@@ -60,6 +60,18 @@ def test_views_of_a_photograph_are_the_same_place_seen_from_elsewhere():
     other = [homography(bank.images(i)[0], bank.images((i + 1) % 6)[1])[1] for i in range(6)]
     assert np.median(same) >= 20 and max(other) <= 10
     assert np.median(moved) > 10  # pixels
+
+
+def test_strong_views_are_of_the_same_places_from_farther_away():
+    moderate, strong = (make_bank(kind, 6, 4, 128) for kind in ("photographs", "photographs-strong"))
+    assert moderate.names == strong.names and (moderate.stacked[:, 0] == strong.stacked[:, 0]).all()
+    near, far = (
+        np.median([np.abs(np.diff(bank.stacked[:, [0, v]].astype(float), axis=1)).mean() for v in (1, 2, 3)])
+        for bank in (moderate, strong)
+    )
+    assert far > near
+    with pytest.raises(ValueError, match="photographs-strong, rendered"):
+        make_bank("no-such", 2, 2)
 
 
 def test_rendered_views_differ_but_stay_nearer_to_their_own_object():
