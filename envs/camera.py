@@ -7,15 +7,16 @@ reset (start, view), so for the same seeds and actions they give the same
 trajectories to the bit, whatever the batch.
 
     obs: "pixels" `(H, W, 3)` uint8, a fresh copy; "index" the image's index in the
-        bank `env.bank`, for learners that hold the bank; "state" the hidden state,
-        only for the control that is told it.
+        bank `env.bank`, for learners that hold the bank; "symbols" `(D,)` int64, what a
+        symbolic sensor reads of the image; "state" the hidden state, only for the
+        control that is told it.
     render_mode: None or "rgb_array".
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -27,21 +28,46 @@ from envs.render import draw_frame
 from envs.streams import Stream, Streams
 from envs.world import World
 
-Observe = Literal["pixels", "index", "state"]
-OBSERVE = ("pixels", "index", "state")
+Observe = Literal["pixels", "index", "symbols", "state"]
+OBSERVE = get_args(Observe)
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
 
 
 def _spaces(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Discrete]:
     if obs not in OBSERVE:
         raise ValueError(f"obs must be one of {', '.join(OBSERVE)}, not {obs!r}")
-    sizes = {"index": world.n_images, "state": world.n_states}
-    seen: spaces.Space[Any] = (
-        spaces.Box(0, 255, world.images.shape[1:], np.uint8)
-        if obs == "pixels"
-        else spaces.Discrete(sizes[obs])
-    )
+    seen: spaces.Space[Any]
+    if obs == "pixels":
+        seen = spaces.Box(0, 255, world.images.shape[1:], np.uint8)
+    elif obs == "symbols":
+        seen = spaces.MultiDiscrete(_symbols(world).max(axis=0) + 1)
+    else:
+        seen = spaces.Discrete(world.n_images if obs == "index" else world.n_states)
     return seen, spaces.Discrete(world.n_actions)
+
+
+def _symbols(world: World) -> np.ndarray:
+    """`(N, D)` int64, what the symbolic sensor reads of each image."""
+    if world.symbols is None:
+        raise ValueError(
+            "obs='symbols' needs a world whose images have symbols; this one has none: use 'index'"
+        )
+    return world.symbols.astype(np.int64)
+
+
+def _check_replacement(old: World, new: World, obs: str) -> None:
+    """Refuse a world that would not fit what agents hold of the old one."""
+    kept = {"state_names": "states", "action_names": "actions"}
+    for name, noun in kept.items():
+        if getattr(old, name) != getattr(new, name):
+            raise ValueError(f"replace_world: the new world must have the same {noun}")
+    if _spaces(old, obs) != _spaces(new, obs):
+        raise ValueError("replace_world: the new world must have the same spaces")
+    if obs == "index" and new.images is not old.images and not np.array_equal(new.images, old.images):
+        raise ValueError(
+            "replace_world: with obs='index' the bank must stay, since agents hold it: make a world with room "
+            "(spare images) and use replace_view"
+        )
 
 
 def _check_render_mode(render_mode: str | None) -> None:
@@ -54,7 +80,7 @@ class CameraEnv(gym.Env[Any, Any]):
 
     Args:
         world: what the camera shows.
-        obs: "pixels", "index" or "state" (see the module).
+        obs: "pixels", "index", "symbols" or "state" (see the module).
         heldout: the same dynamics behind held-out views, kept for evaluation.
         render_mode: None or "rgb_array".
 
@@ -75,6 +101,7 @@ class CameraEnv(gym.Env[Any, Any]):
         self.observation_space, self.action_space = _spaces(world, obs)
         _check_render_mode(render_mode)
         self.world, self.heldout_world, self.obs, self.render_mode = world, heldout, obs, render_mode
+        self._prepare()
         self._stream: Stream | None = None
         self._state = self._image = 0
 
@@ -114,6 +141,27 @@ class CameraEnv(gym.Env[Any, Any]):
         self._enter(int(world.next_state[here][k]), view)
         return self._observation(), reward, bool(world.terminal[self._state]), False, {"state": self._state}
 
+    def replace_world(self, world: World, heldout: World | None = None) -> None:
+        """Go on in another world with the same states, actions and spaces, from the next step on.
+
+        Raises:
+            ValueError: they are not the same, or obs is "index" and the bank is another.
+        """
+        _check_replacement(self.world, world, self.obs)
+        self.world, self.heldout_world = world, heldout
+        self._prepare()
+
+    def replace_view(self, states: int | Sequence[int], images: int | Sequence[int]) -> None:
+        """Let `states` show other images of the bank, see `World.replace_view`.
+
+        Held-out views of the new images are unknown: `heldout_world` is None from then on.
+        """
+        self.replace_world(self.world.replace_view(states, images))
+
+    def _prepare(self) -> None:
+        """What is read of the world at every step."""
+        self._symbols = _symbols(self.world) if self.obs == "symbols" else None
+
     def _enter(self, state: int, chance: float) -> None:
         self._state = state
         self._image = int(self.world.views[state, int(chance * self.world.n_views[state])])
@@ -121,6 +169,8 @@ class CameraEnv(gym.Env[Any, Any]):
     def _observation(self) -> Any:
         if self.obs == "pixels":
             return self.world.images[self._image].copy()
+        if self._symbols is not None:
+            return self._symbols[self._image].copy()
         return np.int64(self._image if self.obs == "index" else self._state)
 
     def render(self) -> np.ndarray | None:
@@ -170,10 +220,12 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self._streams: Streams | None = None
         self._all = np.ones(num_envs, bool)
         self._all.flags.writeable = False
-        self._flatten(world)
+        self._prepare()
 
-    def _flatten(self, world: World) -> None:
+    def _prepare(self) -> None:
         """The tables, one-dimensional, so that a step is a few `take`s."""
+        world = self.world
+        self._symbols = _symbols(world) if self.obs == "symbols" else None
         self._branches = world.next_state.shape[2]
         self._next = world.next_state.ravel().astype(np.int64)
         self._reward = world.reward.ravel()
@@ -253,6 +305,23 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self._elapsed[rows] = 0
         info["state"] = self._state
 
+    def replace_world(self, world: World, heldout: World | None = None) -> None:
+        """Go on in another world with the same states, actions and spaces, from the next step on.
+
+        Raises:
+            ValueError: they are not the same, or obs is "index" and the bank is another.
+        """
+        _check_replacement(self.world, world, self.obs)
+        self.world, self.heldout_world = world, heldout
+        self._prepare()
+
+    def replace_view(self, states: int | Sequence[int], images: int | Sequence[int]) -> None:
+        """Let `states` show other images of the bank, see `World.replace_view`.
+
+        Held-out views of the new images are unknown: `heldout_world` is None from then on.
+        """
+        self.replace_world(self.world.replace_view(states, images))
+
     def _look(self, states: np.ndarray, chance: np.ndarray) -> np.ndarray:
         if self._width == 1:
             return self._views[states]
@@ -261,6 +330,8 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def _observation(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         if self.obs == "pixels":
             return self.world.images.take(self._image[rows], axis=0)
+        if self._symbols is not None:
+            return self._symbols[self._image[rows]]
         return (self._image if self.obs == "index" else self._state)[rows].copy()
 
     def render(self) -> tuple[np.ndarray, ...] | None:

@@ -200,6 +200,7 @@ def visual_gridworld(
     views: int = 1,
     heldout_views: int = 5,
     image_size: Size = 128,
+    spare: int = 0,
 ) -> Worlds:
     """A grid carpeted with images.
 
@@ -243,6 +244,8 @@ def visual_gridworld(
         views: training views per object.
         heldout_views: further views for the held-out world; 0 for none.
         image_size: side in pixels, or (width, height).
+        spare: further objects in the bank that no cell shows at first, for cells that
+            change while learning goes on (`World.unused_images`, `World.replace_view`).
 
     Raises:
         ValueError: a malformed map, an unknown or impossible option, a bank that
@@ -254,9 +257,10 @@ def visual_gridworld(
     objects = int(groups.max()) + 1
     if views < 1 or heldout_views < 0:
         raise ValueError(f"views must be at least 1 and heldout_views 0, not {views} and {heldout_views}")
-    train, heldout = make_bank(bank, objects, views + heldout_views, size, bank_seed).split(
-        views, heldout_views
-    )
+    if spare < 0:
+        raise ValueError(f"spare must be at least 0, not {spare}")
+    whole = make_bank(bank, objects + spare, views + heldout_views, size, bank_seed)
+    train, heldout = whole.split(views, heldout_views)
     goal = goal_image(size)
     return Worlds(
         _carpet(dynamics, groups, train.stacked, goal),
@@ -265,10 +269,10 @@ def visual_gridworld(
 
 
 def _carpet(world: World, groups: np.ndarray, classes: np.ndarray, goal: np.ndarray) -> World:
-    """Lay `(C, V, H, W, 3)` images on the grid; image `c * V + v`, the goal's last."""
-    count, each = classes.shape[:2]
+    """Lay `(C, V, H, W, 3)` images on the grid; image `c * V + v`, the goal's, then those to spare."""
+    each, shown = classes.shape[1], int(groups.max()) + 1
     views = groups[:, None] * each + np.arange(each)
-    views[groups < 0] = count * each
+    views[groups < 0] = shown * each
     n_views = np.where(groups < 0, 1, each)
-    images = np.concatenate([classes.reshape(-1, *classes.shape[2:]), goal[None]])
-    return world.with_views(views, n_views, images)
+    laid, spare = (part.reshape(-1, *classes.shape[2:]) for part in np.split(classes, [shown]))
+    return world.with_views(views, n_views, np.concatenate([laid, goal[None], spare]))

@@ -135,14 +135,18 @@ class BatchedVecEnv(VecEnv):
         indices: int | Iterable[int] | None = None,
         **method_kwargs: Any,
     ) -> list[Any]:
-        """Not available: there are no separate sub-environments to call."""
+        """Call a method of the sub-environments; of a batch that is one world, its own method, once for all."""
         inner = self.venv.unwrapped
         if hasattr(inner, "call"):
             values = inner.call(method_name, *method_args, **method_kwargs)
             return [values[i] for i in self._get_indices(indices)]
-        raise AttributeError(
-            f"{type(inner).__name__} is one batch: it has no per-environment {method_name!r}"
-        )
+        if not hasattr(inner, method_name):
+            raise AttributeError(f"{type(inner).__name__} has no method {method_name!r}")
+        if self._count(indices) != self.num_envs:
+            raise ValueError(
+                f"sub-environments share one world: call {method_name!r} for all, not for some indices"
+            )
+        return [getattr(inner, method_name)(*method_args, **method_kwargs)] * self.num_envs
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: int | Iterable[int] | None = None

@@ -53,6 +53,8 @@ class World:
         state_names, action_names: for people.
         positions: `(S, 2)` int (row, column) of each state in a grid, for drawing.
         grid_shape: (rows, columns) of that grid; cells without a state are obstacles.
+        symbols: `(N, D)` int32, not negative: what a symbolic sensor with D dimensions reads
+            of each image; None where there is no such sensor.
 
     Raises:
         ValueError: an array has the wrong shape, or is no distribution or index.
@@ -70,6 +72,7 @@ class World:
     action_names: Sequence[str]
     positions: np.ndarray | None = None
     grid_shape: tuple[int, int] | None = None
+    symbols: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         _expect(
@@ -92,6 +95,10 @@ class World:
         object.__setattr__(self, "action_names", tuple(map(str, self.action_names)))
         if self.positions is not None:
             object.__setattr__(self, "positions", _frozen(self.positions, np.int64))
+        if self.symbols is not None:
+            kind = np.asarray(self.symbols).dtype
+            _expect(kind.kind in "iub", f"symbols must be whole numbers, not {kind}")
+            object.__setattr__(self, "symbols", _frozen(self.symbols, np.int32))
         self._validate()
 
     def _validate(self) -> None:
@@ -147,6 +154,12 @@ class World:
                 self.positions.shape == (states, 2),
                 f"positions must have shape ({states}, 2), not {self.positions.shape}",
             )
+        if self.symbols is not None:
+            _expect(
+                self.symbols.ndim == 2 and len(self.symbols) == len(self.images) and self.symbols.size > 0,
+                f"symbols must have shape ({len(self.images)}, D), not {self.symbols.shape}",
+            )
+            _expect(self.symbols.min() >= 0, "symbols must not be negative")
 
     # ---------------------------------------------------------------- sizes and names
 
@@ -282,11 +295,65 @@ class World:
             values = earned + gamma * move @ values
         return float(self.start @ values)
 
-    # ---------------------------------------------------------------- other images
+    # ---------------------------------------------------------------- the same world, changed
 
-    def with_views(self, views: ArrayLike, n_views: ArrayLike, images: np.ndarray) -> World:
-        """The same dynamics behind other images (held-out views, a perturbed cell)."""
-        return replace(self, views=np.asarray(views), n_views=np.asarray(n_views), images=images)
+    def with_views(
+        self, views: ArrayLike, n_views: ArrayLike, images: np.ndarray, symbols: ArrayLike | None = None
+    ) -> World:
+        """The same dynamics behind other images (held-out views, say), with their symbols if any."""
+        read = None if symbols is None else np.asarray(symbols)
+        return replace(
+            self, views=np.asarray(views), n_views=np.asarray(n_views), images=images, symbols=read
+        )
+
+    def starting_in(self, states: Sequence[int] | np.ndarray) -> World:
+        """The same world, episodes starting in any of these `states`, all equally likely.
+
+        Raises:
+            ValueError: no states, or one that is unknown or terminal.
+        """
+        chosen = self._known(states)
+        return replace(self, start=np.bincount(chosen, minlength=self.n_states).clip(max=1) / len(chosen))
+
+    @property
+    def unused_images(self) -> np.ndarray:
+        """Numbers of the images that no state shows: room for `replace_view`."""
+        return np.setdiff1d(np.arange(self.n_images), self.views[self._valid_views])
+
+    def sharing(self, state: int) -> np.ndarray:
+        """The states that may show an image that `state` may show, itself among them."""
+        mine = self.views[state, : self.n_views[state]]
+        return np.flatnonzero((np.isin(self.views, mine) & self._valid_views).any(axis=1))
+
+    def replace_view(self, states: int | Sequence[int] | np.ndarray, images: int | Sequence[int]) -> World:
+        """The same world in which `states`, and they alone, show other images of the same bank.
+
+        The bank stays as it is, so that numbers of images keep their meaning for whoever
+        learns from them: make a world with room (`unused_images`) for the images to come.
+
+        Args:
+            states: one or several; `world.sharing(state)` for all that look like one.
+            images: numbers in the bank that they show from now on, all equally likely.
+
+        Raises:
+            ValueError: an unknown state or image.
+        """
+        chosen, shown = self._known(states), np.atleast_1d(np.asarray(images, dtype=np.int64))
+        if shown.ndim != 1 or not len(shown) or shown.min() < 0 or shown.max() >= self.n_images:
+            raise ValueError(f"images must be numbers in the bank, 0…{self.n_images - 1}, not {images}")
+        width = max(self.views.shape[1], len(shown))
+        views = np.pad(self.views, ((0, 0), (0, width - self.views.shape[1])), mode="edge")
+        views[chosen] = np.pad(shown, (0, width - len(shown)), mode="edge")
+        n_views = self.n_views.copy()
+        n_views[chosen] = len(shown)
+        return replace(self, views=views, n_views=n_views)
+
+    def _known(self, states: int | Sequence[int] | np.ndarray) -> np.ndarray:
+        """`states` as distinct numbers."""
+        chosen = np.unique(np.atleast_1d(np.asarray(states, dtype=np.int64)))
+        if not len(chosen) or chosen[0] < 0 or chosen[-1] >= self.n_states:
+            raise ValueError(f"states must be numbers in 0…{self.n_states - 1}, not {states}")
+        return chosen
 
 
 def _cdf(probability: np.ndarray) -> np.ndarray:

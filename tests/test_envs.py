@@ -1,5 +1,9 @@
 """Every registered environment behind the camera: contracts, equality of single and batched, chance."""
 
+import importlib
+import inspect
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -15,16 +19,30 @@ from envs.camera import CameraEnv, CameraVectorEnv
 from envs.gridworld import visual_gridworld
 from envs.recognition import object_recognition
 from envs.sb3 import BatchedVecEnv, make_vec
+from envs.world import World
 
 SMALL = {"image_size": 40, "heldout_views": 1}
+OBSERVE = ["pixels", "index", "symbols", "state"]
 GRID = "envs:attn_tree/VisualGridworld-4x4-v0"
 
 
+def small(env_id: str) -> dict:
+    """Those of the settings SMALL that this environment's builder takes."""
+    module, _, builder = envs.TABLE[env_id.removeprefix("attn_tree/")].builder.partition(":")
+    known = inspect.signature(getattr(importlib.import_module(module), builder)).parameters
+    return {name: value for name, value in SMALL.items() if name in known}
+
+
 @pytest.mark.parametrize("env_id", envs.REGISTERED)
-@pytest.mark.parametrize("obs", ["pixels", "index", "state"])
+@pytest.mark.parametrize("obs", OBSERVE)
 @pytest.mark.filterwarnings("ignore:.*not within the observation space|.*minimal resolution")
 def test_gymnasium_and_sb3_accept_every_environment(env_id, obs):
-    env = gym.make(f"envs:{env_id}", obs=obs, render_mode="rgb_array", **SMALL)
+    settings = small(env_id)
+    if obs == "symbols" and gym.make(f"envs:{env_id}", **settings).unwrapped.world.symbols is None:
+        with pytest.raises(ValueError, match="this one has none: use 'index'"):
+            gym.make(f"envs:{env_id}", obs=obs, **settings)
+        return
+    env = gym.make(f"envs:{env_id}", obs=obs, render_mode="rgb_array", **settings)
     check_env(env.unwrapped)
     check_sb3(env, skip_render_check=False)
     first, info = env.reset(seed=1)
@@ -37,7 +55,7 @@ def test_gymnasium_and_sb3_accept_every_environment(env_id, obs):
     assert frame.dtype == np.uint8 and frame.shape[0] % 2 == frame.shape[1] % 2 == 0
 
 
-@pytest.mark.parametrize("obs", ["pixels", "index", "state"])
+@pytest.mark.parametrize("obs", OBSERVE)
 def test_batched_and_single_trajectories_are_the_same(obs):
     world = random_world(3, states=6, branches=3, views=3)
     count, steps, limit, seed = 5, 400, 7, 11  # so many steps that the blocks of chance are refilled
@@ -178,6 +196,50 @@ def test_the_heldout_world_has_the_dynamics_and_other_images():
     assert env.unwrapped.world.n_images == 40
 
 
+@pytest.mark.parametrize("obs", OBSERVE)
+def test_a_cell_changes_its_image_while_the_environment_runs(obs):
+    world, _ = visual_gridworld(spare=1, **SMALL)
+    new, cell = int(world.unused_images[0]), world.state_names.index("15")
+    batch, single = CameraVectorEnv(symbolic(world), 4, obs=obs), CameraEnv(symbolic(world), obs=obs)
+    for env in (batch, single):
+        env.reset(seed=0)
+        env.replace_view(cell, new)
+        assert env.heldout_world is None and env.world.unused_images.tolist() == [int(world.views[cell, 0])]
+    actions = np.random.default_rng(0).integers(0, 4, 400)
+    shown = []
+    for action in actions:
+        seen, _, _, _, info = batch.step(np.full(4, action))
+        observation, _, end, _, single_info = single.step(action)
+        if end:
+            observation, single_info = single.reset()
+        assert (observation == seen[0]).all() and single_info["state"] == info["state"][0]
+        shown += [seen[i] for i in range(4) if info["state"][i] == cell]
+    expected = {"pixels": world.images[new], "index": new, "symbols": [new, new % 2], "state": cell}[obs]
+    assert len(shown) > 20 and all((observation == expected).all() for observation in shown)
+
+
+def symbolic(world: World) -> World:
+    """The world with two symbols read of each image: its number, and whether that is odd."""
+    numbers = np.arange(world.n_images)
+    return replace(world, symbols=np.stack([numbers, numbers % 2], axis=1))
+
+
+def test_a_world_that_does_not_fit_is_refused():
+    world, other = visual_gridworld(**SMALL)
+    another = visual_gridworld(map="..\n.G", **SMALL).train
+    for env in (CameraEnv(world, obs="index"), CameraVectorEnv(world, 2, obs="index")):
+        with pytest.raises(ValueError, match="the bank must stay"):
+            env.replace_world(other)
+        with pytest.raises(ValueError, match="the same states"):
+            env.replace_world(another)
+    CameraEnv(world).replace_world(other)  # who sees pixels holds no bank
+    vec = make_vec(GRID, 2, **SMALL)
+    with pytest.raises(AttributeError, match="no method 'nonsense'"):
+        vec.env_method("nonsense")
+    with pytest.raises(ValueError, match="for all, not for some"):
+        vec.env_method("replace_view", 0, 1, indices=[0])
+
+
 def test_recognition_pays_the_matrix_of_equation_8_13():
     world, _ = object_recognition(classes=4, **SMALL)
     assert (world.reward[:4, :, 0] == 2 * np.eye(4) - 1).all()
@@ -188,7 +250,7 @@ def test_recognition_pays_the_matrix_of_equation_8_13():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"obs": "depth"}, "obs must be one of pixels, index, state"),
+        ({"obs": "depth"}, "obs must be one of pixels, index, symbols, state"),
         ({"split": "test"}, "split must be"),
         ({"split": "heldout", "heldout_views": 0}, "give heldout_views"),
         ({"rewards": "chapter9"}, "rewards must be one of"),

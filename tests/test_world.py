@@ -27,6 +27,7 @@ def random_world(seed: int, states: int = 5, actions: int = 3, branches: int = 2
         images=rng.integers(0, 255, (6, 8, 8, 3), dtype=np.uint8),
         state_names=range(states),
         action_names=range(actions),
+        symbols=rng.integers(0, 4, (6, 3)),
     )
 
 
@@ -198,6 +199,9 @@ def test_a_malformed_world_gives_one_clear_line():
         ({"views": good.views + 3}, "images there are"),
         ({"images": good.images.astype(float)}, "uint8"),
         ({"reward": good.reward[:, :, :1]}, "reward must have"),
+        ({"symbols": np.zeros((5, 2), int)}, r"symbols must have shape \(6, D\)"),
+        ({"symbols": -good.symbols - 1}, "symbols must not be negative"),
+        ({"symbols": good.symbols / 2}, "symbols must be whole numbers"),
     ]:
         with pytest.raises(ValueError, match=message):
             World(**(fields | change))
@@ -207,3 +211,26 @@ def test_a_malformed_world_gives_one_clear_line():
         good.optimal_values(1.0)
     with pytest.raises(ValueError, match="read-only"):
         good.images[0] = 0
+
+
+def test_other_starts_and_other_views_leave_all_else_as_it_was():
+    world = random_world(3)
+    begun = world.starting_in([1, 3, 3])
+    assert begun.start.tolist() == [0, 0.5, 0, 0.5, 0]
+    assert (begun.next_state == world.next_state).all() and (begun.symbols == world.symbols).all()
+    swapped = world.replace_view([0, 2], [1, 4, 5, 2])  # more views than any state had
+    for state in range(5):
+        shown = set(swapped.views[state, : swapped.n_views[state]].tolist())
+        assert shown == ({1, 2, 4, 5} if state in (0, 2) else set(world.views[state, : world.n_views[state]]))
+    assert swapped.n_images == world.n_images and (swapped.images == world.images).all()
+    alone = world.replace_view(range(5), 0)
+    assert alone.unused_images.tolist() == [1, 2, 3, 4, 5] and alone.sharing(2).tolist() == [0, 1, 2, 3, 4]
+    assert alone.replace_view(1, 5).sharing(1).tolist() == [1]
+    for call, message in [
+        (lambda: world.starting_in([4]), "terminal"),
+        (lambda: world.starting_in([]), r"states must be numbers in 0…4"),
+        (lambda: world.replace_view(5, 0), r"states must be numbers in 0…4"),
+        (lambda: world.replace_view(0, 6), r"images must be numbers in the bank, 0…5"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            call()
