@@ -65,8 +65,8 @@ def _check_replacement(old: World, new: World, obs: str) -> None:
         raise ValueError("replace_world: the new world must have the same spaces")
     if obs == "index" and new.images is not old.images and not np.array_equal(new.images, old.images):
         raise ValueError(
-            "replace_world: with obs='index' the bank must stay, since agents hold it: make a world with room "
-            "(spare images) and use replace_view"
+            "replace_world: with obs='index' the bank must stay, since agents hold it: make a world with "
+            "images to spare and use replace_view"
         )
 
 

@@ -135,7 +135,7 @@ class BatchedVecEnv(VecEnv):
         indices: int | Iterable[int] | None = None,
         **method_kwargs: Any,
     ) -> list[Any]:
-        """Call a method of the sub-environments; of a batch that is one world, its own method, once for all."""
+        """Call a method of the sub-environments; of one batch, its own method, once for all."""
         inner = self.venv.unwrapped
         if hasattr(inner, "call"):
             values = inner.call(method_name, *method_args, **method_kwargs)
