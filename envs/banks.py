@@ -1,10 +1,11 @@
 """Image banks: classes of images, several views of each, for a world to show.
 
-`make_bank` knows five kinds: "photographs" (crops of the photographs that scikit-image and
+`make_bank` knows six kinds: "photographs" (crops of the photographs that scikit-image and
 scikit-learn ship), "photographs-strong" (the same crops, the camera moving about twice as far
 between views: the major transformations of figure 8.18), "rendered" (textured objects turning on
-a table, drawn here: the stand-in for COIL-100), "coil100", and any folder of classes. A bank is a
-function of (kind, classes, views, size, seed); building it twice costs nothing.
+a table, drawn here: the stand-in for COIL-100), "details" (large scenes that small marks decide,
+see `envs.details`), "coil100", and any folder of classes. A bank is a function of
+(kind, classes, views, size, seed); building it twice costs nothing.
 
 COIL-100 (Nene, Nayar and Murase 1996) is the thesis's bank in chapter 8. It is read
 from the folder `coil100` of the folder that the environment variable
@@ -24,6 +25,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from envs.details import DetailScenes
 from envs.objects import object_views
 from envs.photographs import MODERATE, STRONG, photograph_views
 
@@ -134,9 +136,9 @@ def make_bank(
     """A bank of `classes` classes with `views` views each.
 
     Args:
-        kind: "photographs", "photographs-strong", "rendered", "coil100" or the path of a folder
-            (see `folder`).
-        classes, views: how many; None for all the views there are (not of photographs).
+        kind: "photographs", "photographs-strong", "rendered", "details", "coil100" or the path of
+            a folder (see `folder`).
+        classes, views: how many; None for all the views there are (not of photographs or details).
         size: side in pixels, or (width, height).
         seed: which classes and which views.
 
@@ -152,10 +154,14 @@ def make_bank(
 
 @lru_cache(maxsize=4)
 def _make_bank(kind: str, classes: int, views: int | None, size: tuple[int, int], seed: int) -> ImageBank:
-    if kind in MOVES:
+    if kind == "details" or kind in MOVES:
         if views is None:
-            raise ValueError("photographs have views without end: say how many views")
-        names, arrays = photograph_views(classes, views, size, seed, MOVES[kind])
+            raise ValueError(f"{kind} have views without end: say how many views")
+        if kind == "details":
+            scenes = DetailScenes(classes, size, seed)
+            names, arrays = scenes.names, [scenes.views(label, 0, views) for label in range(classes)]
+        else:
+            names, arrays = photograph_views(classes, views, size, seed, MOVES[kind])
         return ImageBank(tuple(names), tuple(arrays))
     if kind == "rendered":
         names, arrays, angles = object_views(classes, views, size, seed)
@@ -164,8 +170,8 @@ def _make_bank(kind: str, classes: int, views: int | None, size: tuple[int, int]
         return coil100(classes=classes, views=views, size=size, seed=seed)
     if os.sep not in kind and not Path(kind).exists():
         raise ValueError(
-            f"unknown bank {kind!r}: use {', '.join(MOVES)}, rendered, coil100 or the path of a folder of "
-            "classes"
+            f"unknown bank {kind!r}: use {', '.join(MOVES)}, rendered, details, coil100 or the path of a "
+            "folder of classes"
         )
     return folder(kind, classes=classes, views=views, size=size, seed=seed)
 
