@@ -26,7 +26,6 @@ ALLOWED = {
         "attn_tree.growth",
         "attn_tree.percepts",
         "attn_tree.rlvc",
-        "attn_tree.rlvc",
         "attn_tree.history",
         "attn_tree.joint",
     ),
