@@ -25,7 +25,8 @@ class Growth:
         leaf_values: "q" learns action values by Q-learning; "model" solves the leaf process
             estimated from memory.
         patience: phases in a row without an aliased leaf, and with a settled table, after which
-            learning stops.
+            learning stops; None goes on, as in a world that changes.
+        drop_dead: cut the leaves that no remembered percept reaches any more off the grown tree.
     """
 
     mem_threshold: int = 20
@@ -38,12 +39,14 @@ class Growth:
     retries: int = 10
     prune: bool = True
     leaf_values: Literal["q", "model"] = "q"
-    patience: int = 2
+    patience: int | None = 2
+    drop_dead: bool = False
 
     def __post_init__(self) -> None:
         for name, allowed in {"memory": ("keep", "clear"), "leaf_values": ("q", "model")}.items():
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(allowed)}")
         for name in ("mem_threshold", "memory_size", "patience"):
-            if getattr(self, name) < 1:
+            value = getattr(self, name)
+            if value is not None and value < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; expected at least 1")

@@ -25,6 +25,8 @@ from matplotlib.figure import Figure
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.growth import Growth
+from attn_tree.history import HistoryVocabulary, Of, WindowPercepts
+from attn_tree.joint import JointVocabulary
 from attn_tree.leaf_model import leaf_model_values
 from attn_tree.memory import Memory, Transitions
 from attn_tree.percepts import BankPercepts, Percepts, percepts_for
@@ -32,9 +34,8 @@ from attn_tree.picture import draw_learner
 from attn_tree.q_learning import TableLearner
 from attn_tree.refinement import LeafMemory, Snapshot, best_question
 from attn_tree.tree.node import Node, Tree
-from attn_tree.tree.pruning import prune
+from attn_tree.tree.pruning import drop_unvisited, prune
 from attn_tree.tree_policy import TreePolicy
-from attn_tree.vision.retina import Retina
 from attn_tree.vocabulary import Vocabulary
 
 # Images a vocabulary is prepared from; the thesis says "some random images".
@@ -46,10 +47,14 @@ class QuasiStaticLearner(TableLearner):
 
     Args:
         env: Gymnasium environment, SB3 `VecEnv`, registered id, or None for a loaded model.
-            Observations are uint8 images, or numbers of the images in the environment's `bank`.
+            Observations are uint8 images, or numbers of the images in the environment's `bank`, or
+            vectors for a vocabulary that reads values.
         vocabulary: the questions that nodes may ask.
         episodes_per_phase: episodes in each of the two phases (thesis: maxEpisodes).
         growth: when and how the tree grows, see `Growth`.
+        history: how many steps back may be asked about, 0 for none (thesis: n of eq. 8.11).
+        history_of: what is asked of an earlier step: the "pair" of action and perceptual state, the
+            "action" alone or the "state" alone.
         **learner_settings: those of `TableLearner`.
     """
 
@@ -62,11 +67,22 @@ class QuasiStaticLearner(TableLearner):
         *,
         episodes_per_phase: int = 20,
         growth: Growth | dict[str, Any] | None = None,
+        history: int = 0,
+        history_of: Of = "pair",
         **learner_settings: Any,
     ) -> None:
         if episodes_per_phase < 1:
             raise ValueError(f"episodes_per_phase is {episodes_per_phase}; expected at least 1")
+        if history < 0:
+            raise ValueError(f"history is {history}; expected 0 for none, or how many steps back")
+        self.history, self.history_of = history, history_of
         self.vocabulary = vocabulary
+        if history:
+            parts, first = {"sight": vocabulary}, None
+            if isinstance(vocabulary, JointVocabulary):
+                parts, first = vocabulary.parts, vocabulary.first
+            remembering = HistoryVocabulary(history, history_of)
+            self.vocabulary = JointVocabulary({**parts, "history": remembering}, first)
         self.episodes_per_phase = episodes_per_phase
         self.growth = Growth(**growth) if isinstance(growth, dict) else growth or Growth()
         super().__init__(env, **learner_settings)
@@ -92,7 +108,9 @@ class QuasiStaticLearner(TableLearner):
         return self.grown_tree.rows
 
     def _make_percepts(self) -> Percepts:
-        return percepts_for(self.observation_space, self.env, type(self).__name__)
+        who, senses = type(self).__name__, self.vocabulary.senses
+        sights = percepts_for(self.observation_space, self.env, who, senses)
+        return WindowPercepts(sights, self.history) if self.history else sights
 
     def _make_policy(self) -> TreePolicy:
         return TreePolicy(self)
@@ -100,8 +118,9 @@ class QuasiStaticLearner(TableLearner):
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         """Go on in another environment; its bank replaces the old one."""
         super().set_env(env, force_reset)
-        if isinstance(self._percepts, BankPercepts):
+        if isinstance(self._percepts.sights, BankPercepts):
             self._percepts = self._make_percepts()
+            self._present = None
             self._row_of = np.empty(0, np.int64)
             self.version += 1
 
@@ -119,7 +138,8 @@ class QuasiStaticLearner(TableLearner):
     @property
     def solved(self) -> bool:
         """Whether nothing has been aliased, and values settled, for `Growth.patience` phases."""
-        return self._quiet_phases >= self.growth.patience
+        patience = self.growth.patience
+        return patience is not None and self._quiet_phases >= patience
 
     @property
     def unsplittable(self) -> int:
@@ -130,6 +150,9 @@ class QuasiStaticLearner(TableLearner):
     def _perceive(self, observations: Any) -> np.ndarray:
         return self._percepts.numbers(observations)
 
+    def _after(self, percepts: np.ndarray, actions: np.ndarray, upcoming: np.ndarray) -> np.ndarray:
+        return self._percepts.after(percepts, actions, upcoming)
+
     def _rows(self, percepts: np.ndarray) -> np.ndarray:
         highest = int(percepts.max(initial=-1))
         if highest >= len(self._row_of):
@@ -139,19 +162,20 @@ class QuasiStaticLearner(TableLearner):
         rows = self._row_of[percepts]
         if rows.min(initial=0) < 0:
             for percept in np.unique(percepts[rows < 0]):
-                retina = self._percepts.retina(int(percept))
-                self._row_of[percept] = self.leaf_in(self.grown_tree, retina).row
+                found = self.leaf_in(self.grown_tree, self._percepts.percept(int(percept)))
+                self._row_of[percept] = found.row
             rows = self._row_of[percepts]
         return rows
 
-    def leaf_in(self, tree: Tree, retina: Retina) -> Node:
-        """The leaf of `tree` that a lasting retina falls in; its answers are remembered."""
+    def leaf_in(self, tree: Tree, percept: Any) -> Node:
+        """The leaf of `tree` that a lasting percept falls in; its answers are remembered."""
+        known = percept.computed
 
         def answer(question: Any) -> int:
             key = ("answer", question)
-            if key not in retina.computed:
-                retina.computed[key] = int(self.vocabulary.answer(question, retina))
-            return retina.computed[key]
+            if key not in known:
+                known[key] = int(self.vocabulary.answer(question, percept))
+            return int(known[key])
 
         return tree.walk(answer, self.vocabulary.nearest)
 
@@ -214,8 +238,8 @@ class QuasiStaticLearner(TableLearner):
         row, known = leaf.row, frozenset(held.percepts.tolist())
         if self._unsplittable.get(row) == known:
             return False
-        retinas = [self._percepts.retina(int(percept)) for percept in held.percepts]
-        best = best_question(self.vocabulary, leaf, retinas, held.evidence, self.growth, self.rng)
+        percepts = [self._percepts.percept(int(percept)) for percept in held.percepts]
+        best = best_question(self.vocabulary, leaf, percepts, held.evidence, self.growth, self.rng)
         if best is None:
             self._unsplittable[row] = known
             return False
@@ -231,20 +255,25 @@ class QuasiStaticLearner(TableLearner):
     def _prepare(self, memory: Transitions) -> None:
         """Give the vocabulary images to learn its words from: of the bank, else of those met so far."""
         start = time.process_time()
-        if isinstance(self._percepts, BankPercepts):
-            met = np.arange(len(self._percepts.images))
+        sights = self._percepts.sights
+        if isinstance(sights, BankPercepts):
+            met = np.arange(len(sights.images))
         else:
-            met = np.unique(np.concatenate([memory.percepts, memory.next_percepts]))
+            met = np.unique(self._percepts.seen(np.concatenate([memory.percepts, memory.next_percepts])))
         chosen = np.sort(self.rng.permutation(met)[:_PREPARE_IMAGES])
-        self.vocabulary.prepare([self._percepts.retina(int(i)).whole() for i in chosen], self.rng)
+        self.vocabulary.prepare([sights.percept(int(i)).whole() for i in chosen], self.rng)
         self.prepare_cpu_s += time.process_time() - start
 
     def _forget(self, memory: Transitions) -> None:
         if self.growth.memory == "clear":
             self._memory.clear()
-        current = self._perceive(self._last_obs)
-        needed = np.concatenate([memory.percepts, memory.next_percepts, current])
-        self._percepts.keep(np.unique(needed).tolist())
+        assert self._present is not None
+        needed = np.unique(np.concatenate([memory.percepts, memory.next_percepts, self._present]))
+        self._percepts.keep(needed.tolist())
+        if self.growth.drop_dead:
+            drop_unvisited(self.grown_tree, set(self._rows(needed).tolist()))
+            live = [leaf.row for leaf in self.grown_tree.leaves]
+            self._row_of[~np.isin(self._row_of, live)] = -1
 
     def _log_phase(self) -> None:
         tree = self.grown_tree
@@ -265,10 +294,10 @@ class QuasiStaticLearner(TableLearner):
         percepts = self._remembered()
         rows = self._rows(percepts)
         before = self.values[rows].argmax(axis=1)
-        retinas = [self._percepts.retina(int(percept)) for percept in percepts]
+        lasting = [self._percepts.percept(int(percept)) for percept in percepts]
 
         def same_actions(tree: Tree, values: np.ndarray) -> bool:
-            found = [self.leaf_in(tree, retina).row for retina in retinas]
+            found = [self.leaf_in(tree, percept).row for percept in lasting]
             return bool((values[found].argmax(axis=1) == before).all())
 
         return prune(self.grown_tree, self.values, set(rows.tolist()), same_actions)
@@ -277,9 +306,27 @@ class QuasiStaticLearner(TableLearner):
         """Numbers of the percepts that are remembered."""
         return np.unique(self._memory.transitions.percepts)
 
-    def remembered_retinas(self) -> list[Retina]:
-        """The lasting retinas of the percepts that are remembered."""
-        return [self._percepts.retina(int(percept)) for percept in self._remembered()]
+    def remembered_percepts(self) -> list[Any]:
+        """The lasting percepts of what is remembered: retinas, gauges or moments."""
+        return [self._percepts.percept(int(percept)) for percept in self._remembered()]
+
+    def window_actions(self, windows: np.ndarray) -> np.ndarray:
+        """Greedy actions `(n,)` for windows over the bank, so that a policy with memory is scored exactly.
+
+        Args:
+            windows: `(n, 2 · history + 1)` int: image, action before, image before, …; -1 for Null.
+
+        Raises:
+            ValueError: the learner has no history, no bank, or one of another depth.
+        """
+        bank = isinstance(self._percepts.sights, BankPercepts)
+        if not isinstance(self._percepts, WindowPercepts) or not bank or windows.ndim != 2:
+            raise ValueError(f"windows need a bank and a history of 1 or more; history is {self.history}")
+        if windows.shape[1] != 2 * self.history + 1:
+            raise ValueError(f"windows of {windows.shape[1]} columns do not fit a history of {self.history}")
+        tree, values = self.policy.decision_tree, self.policy.decision_values
+        moments = [self._percepts.percept(int(number)) for number in self._percepts.of(windows)]
+        return values[[self.leaf_in(tree, moment).row for moment in moments]].argmax(axis=1)
 
     def draw(
         self, path: str | Path | None = None, *, grown: bool = False, images: np.ndarray | None = None
@@ -300,6 +347,8 @@ class QuasiStaticLearner(TableLearner):
             **super()._settings(),
             "episodes_per_phase": self.episodes_per_phase,
             "growth": asdict(self.growth),
+            "history": self.history,
+            "history_of": self.history_of,
         }
 
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -313,16 +362,20 @@ class QuasiStaticLearner(TableLearner):
         }
         arrays = {"values": self.values, "decision_values": values}
         arrays.update({f"vocabulary_{name}": array for name, array in word_arrays.items()})
-        if isinstance(self._percepts, BankPercepts):
+        if isinstance(self._percepts.sights, BankPercepts):
             # Percepts of other environments are numbers that mean nothing in another process.
             arrays.update({f"memory_{name}": array for name, array in self._memory.arrays().items()})
+            if isinstance(self._percepts, WindowPercepts):
+                arrays["windows"] = self._percepts.table()
         return state, arrays
 
     def _restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         super()._restore(meta, arrays)
         self.phase = int(meta["phase"])
-        self.grown_tree = Tree.from_json(meta["grown_tree"], self.vocabulary.question_from_json)
         self.vocabulary.restore(meta["vocabulary"], _with_prefix(arrays, "vocabulary_"))
+        self.grown_tree = Tree.from_json(meta["grown_tree"], self.vocabulary.question_from_json)
+        if isinstance(self._percepts, WindowPercepts):
+            self._percepts.restore(arrays["windows"])
         tree = Tree.from_json(meta["tree"], self.vocabulary.question_from_json)
         decisions = np.asarray(arrays["decision_values"], np.float64)
         shape = (self.grown_tree.rows, int(self.action_space.n))  # type: ignore[attr-defined]

@@ -1,39 +1,70 @@
 """Percepts by number, so that learning looks answers up instead of computing them again.
 
 An environment that shows the images of a finite bank tells their numbers itself; of any
-other the images are numbered as they come, by their bytes. Each percept keeps one
-`Retina`, whose `computed` remembers what has been worked out about it. This speeds up
-*learning* only: a cold decision opens a retina of its own.
+other the observations are numbered as they come, by their bytes. Each percept keeps one
+`Retina` (an image) or `Gauge` (a vector), whose `computed` remembers what has been worked
+out about it. This speeds up *learning* only: a cold decision opens a percept of its own.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.vec_env import VecEnv
 
+from attn_tree.vision.gauge import Gauge
 from attn_tree.vision.retina import Retina
+
+Sense = Literal["images", "values"]
+Sight = Retina | Gauge
 
 
 class Percepts(Protocol):
     """Numbers for percepts, and percepts for numbers."""
 
     def numbers(self, observations: np.ndarray) -> np.ndarray:
-        """Numbers `(n,)` of a batch of observations."""
+        """Numbers `(n,)` of a batch of observations, each the first of an episode."""
 
-    def retina(self, number: int) -> Retina:
-        """The lasting retina of a percept."""
+    def after(self, numbers: np.ndarray, actions: np.ndarray, upcoming: np.ndarray) -> np.ndarray:
+        """Numbers `(n,)` of percepts met by `actions` from `numbers`; `upcoming` is what `numbers` gave."""
+
+    def percept(self, number: int) -> Any:
+        """The lasting percept of this number."""
 
     def keep(self, numbers: Iterable[int]) -> None:
         """Forget what is not among `numbers`, where forgetting frees anything."""
 
+    @property
+    def sights(self) -> Any:
+        """Percepts that number observations alone."""
 
-class BankPercepts:
+    def seen(self, numbers: np.ndarray) -> np.ndarray:
+        """Numbers among `sights` of what is seen in these percepts."""
+
+
+class _Sights:
+    """Percepts that know nothing of before."""
+
+    @property
+    def sights(self) -> Any:
+        """What numbers observations: these percepts themselves."""
+        return self
+
+    def seen(self, numbers: np.ndarray) -> np.ndarray:
+        """Numbers of what is seen in percepts: the same."""
+        return numbers
+
+    def after(self, numbers: np.ndarray, actions: np.ndarray, upcoming: np.ndarray) -> np.ndarray:
+        """What is seen, whatever was before."""
+        return upcoming
+
+
+class BankPercepts(_Sights):
     """The images of a finite bank; observations are their numbers.
 
     Args:
@@ -48,8 +79,8 @@ class BankPercepts:
         """The observations themselves."""
         return observations
 
-    def retina(self, number: int) -> Retina:
-        """The lasting retina of a percept."""
+    def percept(self, number: int) -> Retina:
+        """The lasting retina of an image."""
         if number not in self._retinas:
             self._retinas[number] = Retina(self.images[number])
         return self._retinas[number]
@@ -58,21 +89,21 @@ class BankPercepts:
         """A bank forgets nothing."""
 
 
-class SeenPercepts:
-    """Images numbered as they are met.
+class SeenPercepts(_Sights):
+    """Observations numbered as they are met.
 
     Args:
-        space: the observation space, which says where the channels are.
+        space: the observation space, which says what they are and where channels are.
     """
 
-    def __init__(self, space: spaces.Box) -> None:
+    def __init__(self, space: spaces.Space[Any]) -> None:
         self._space = space
         self._number: dict[bytes, int] = {}
-        self._retinas: dict[int, Retina] = {}
+        self._sights: dict[int, Sight] = {}
         self._next = 0
 
     def numbers(self, observations: np.ndarray) -> np.ndarray:
-        """Numbers of a batch of images; new ones for images not met before."""
+        """Numbers of a batch; new ones for observations not met before."""
         found = np.empty(len(observations), np.int64)
         for i, observation in enumerate(observations):
             key = digest(observation)
@@ -80,33 +111,43 @@ class SeenPercepts:
             if number is None:
                 number = self._number[key] = self._next
                 # A copy: environments may draw the next image into the same buffer.
-                self._retinas[number] = Retina(as_image(observation, self._space).copy())
+                self._sights[number] = sight(np.array(observation), self._space)
                 self._next += 1
             found[i] = number
         return found
 
-    def retina(self, number: int) -> Retina:
-        """The lasting retina of a percept."""
-        return self._retinas[number]
+    def percept(self, number: int) -> Sight:
+        """The lasting retina or gauge of an observation."""
+        return self._sights[number]
 
     def keep(self, numbers: Iterable[int]) -> None:
-        """Forget the images of all other percepts; met again, they get new numbers."""
+        """Forget all other observations; met again, they get new numbers."""
         kept = set(numbers)
-        self._retinas = {n: retina for n, retina in self._retinas.items() if n in kept}
+        self._sights = {n: seen for n, seen in self._sights.items() if n in kept}
         self._number = {key: n for key, n in self._number.items() if n in kept}
 
 
-def percepts_for(space: spaces.Space[Any], env: VecEnv | None, who: str) -> Percepts:
-    """The percepts of an environment: of its bank for Discrete observations, else the images met.
+def percepts_for(
+    space: spaces.Space[Any], env: VecEnv | None, who: str, senses: Sense = "images"
+) -> Percepts:
+    """The percepts of an environment: of its bank for Discrete observations, else those met.
 
     Args:
         space: its observation space.
         env: the environment, or None for a model loaded without one.
         who: the learner's name, for the message.
+        senses: what the learner can read.
 
     Raises:
-        ValueError: observations are neither images nor numbers of images.
+        ValueError: observations are nothing that the learner can read.
     """
+    if senses == "values":
+        if not _is_vector(space):
+            raise ValueError(
+                f"{who} reads values: observations must be Discrete, MultiDiscrete or a Box of numbers "
+                f"(D,), not {space}"
+            )
+        return SeenPercepts(space)
     if isinstance(space, spaces.Box) and is_image_space(space, check_channels=False):
         return SeenPercepts(space)
     if not isinstance(space, spaces.Discrete):
@@ -125,9 +166,22 @@ def percepts_for(space: spaces.Space[Any], env: VecEnv | None, who: str) -> Perc
         ) from None
 
 
-def digest(image: np.ndarray) -> bytes:
-    """A key for an image: equal bytes give equal keys, different ones differ for all practical ends."""
-    return hashlib.blake2b(np.ascontiguousarray(image).data, digest_size=12).digest()
+def _is_vector(space: spaces.Space[Any]) -> bool:
+    if isinstance(space, spaces.Box):
+        return len(space.shape) == 1
+    return isinstance(space, spaces.Discrete | spaces.MultiDiscrete | spaces.MultiBinary)
+
+
+def sight(observation: np.ndarray, space: spaces.Space[Any] | None) -> Sight:
+    """An observation as what questions are asked of: a retina on an image, a gauge on a vector."""
+    if observation.ndim >= 2:
+        return Retina(as_image(observation, space))
+    return Gauge(np.atleast_1d(observation))
+
+
+def digest(observation: np.ndarray) -> bytes:
+    """A key for an observation: equal bytes give equal keys, others differ for all practical ends."""
+    return hashlib.blake2b(np.ascontiguousarray(observation).data, digest_size=12).digest()
 
 
 def as_image(observation: np.ndarray, space: spaces.Space[Any] | None = None) -> np.ndarray:

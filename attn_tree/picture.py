@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from attn_tree.history import Moment
 from attn_tree.tree.drawing import Labels, draw_tree
 from attn_tree.tree.node import Node
 from attn_tree.vision.retina import Retina
@@ -30,22 +31,31 @@ def draw_learner(
         if grown
         else (learner.policy.decision_tree, learner.policy.decision_values)
     )
-    retinas = [Retina(image) for image in images] if images is not None else learner.remembered_retinas()
-    under: dict[Node, list[Retina]] = defaultdict(list)
-    for retina in retinas:
-        node = learner.leaf_in(tree, retina)
+    percepts = learner.remembered_percepts()
+    if images is not None:
+        percepts = [Moment(Retina(image)) if learner.history else Retina(image) for image in images]
+    under: dict[Node, list[Any]] = defaultdict(list)
+    for percept in percepts:
+        node = learner.leaf_in(tree, percept)
         for place in (node, *node.ancestors()):
-            under[place].append(retina)
+            under[place].append(percept)
     vocabulary = learner.vocabulary
     labels = Labels(
         node=lambda node: vocabulary.describe(node.question),
         picture=lambda node: vocabulary.picture(node.question, under[node][:_MOST_SHOWN]),
         answer=lambda node, answer: vocabulary.describe_answer(node.question, answer),
         leaf=lambda leaf: action_text(learner, int(values[leaf.row].argmax())),
-        percepts=lambda leaf: [retina.whole() for retina in under[leaf]],
+        percepts=lambda leaf: _thumbnails(under[leaf]),
     )
     title = f"{type(learner).__name__}: {len(tree.leaves)} leaves, mean depth {tree.depth:.2f}"
     return draw_tree(tree, labels, path, title)
+
+
+def _thumbnails(percepts: list[Any]) -> list[np.ndarray]:
+    """The distinct images among percepts; a vector has none."""
+    sights = [percept.sight if isinstance(percept, Moment) else percept for percept in percepts]
+    images = [sight.whole() for sight in sights if isinstance(sight, Retina)]
+    return list({image.tobytes(): image for image in images}.values())
 
 
 def action_text(learner: QuasiStaticLearner, action: int) -> str:

@@ -123,6 +123,10 @@ class TableLearner(BaseAlgorithm):
         """Numbers `(n,)` that identify the percepts of a batch of observations."""
         return np.asarray(observations)
 
+    def _after(self, percepts: np.ndarray, actions: np.ndarray, upcoming: np.ndarray) -> np.ndarray:
+        """Numbers of the percepts met by `actions` from `percepts`; `upcoming` are theirs without a past."""
+        return upcoming
+
     def _rows(self, percepts: np.ndarray) -> np.ndarray:
         """Rows `(n,)` of the table that percepts fall in."""
         return percepts
@@ -183,6 +187,7 @@ class TableLearner(BaseAlgorithm):
         self._epsilon_schedule = FloatSchedule(self.epsilon)
         self.rng = np.random.default_rng(self.seed)
         self.values = np.zeros((self._n_rows(), int(self.action_space.n)))
+        self._present: np.ndarray | None = None  # numbers of the percepts of the environments
         self.policy = self._make_policy()
         if self.seed is not None:
             self.set_random_seed(self.seed)
@@ -224,6 +229,7 @@ class TableLearner(BaseAlgorithm):
         """
         if self.env is None:
             raise ValueError("this model was loaded without an environment; call set_env(env) before learn")
+        before = self._last_obs
         total_timesteps, callback = self._setup_learn(
             total_timesteps,
             callback,
@@ -233,9 +239,11 @@ class TableLearner(BaseAlgorithm):
         )
         self._next_log = self._episode_num + log_interval
         callback.on_training_start(locals(), globals())
-        percepts = self._perceive(self._last_obs)
+        if self._last_obs is not before or self._present is None:
+            self._present = self._perceive(self._last_obs)
         while self.num_timesteps < total_timesteps and not self._finished():
             self._update_current_progress_remaining(self.num_timesteps, total_timesteps)
+            percepts = self._present
             actions = self._choose(self.values[self._rows(percepts)])
             observations: Any
             observations, rewards, dones, infos = self.env.step(actions)
@@ -243,11 +251,13 @@ class TableLearner(BaseAlgorithm):
             if not self._continue(callback, locals()):
                 break
             upcoming = self._perceive(observations)
-            next_percepts, terminated = upcoming, dones
+            arrived, terminated = upcoming, dones
             if dones.any():
-                next_percepts, terminated = self._ends(upcoming, dones, infos)
+                arrived, terminated = self._ends(upcoming, dones, infos)
+            next_percepts = self._after(percepts, actions, arrived)
             self._experience(percepts, actions, rewards, next_percepts, terminated)
-            self._last_obs, percepts = observations, upcoming
+            self._present = np.where(dones, upcoming, next_percepts)
+            self._last_obs = observations
             if dones.any():
                 self._log_episodes(int(dones.sum()), log_interval)
         callback.on_training_end()
@@ -267,7 +277,7 @@ class TableLearner(BaseAlgorithm):
     def _ends(
         self, upcoming: np.ndarray, dones: np.ndarray, infos: list[dict[str, Any]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The percepts that transitions led to (before autoreset), and which of them are true ends."""
+        """What transitions led to (before autoreset), and which of them are true ends."""
         ended = np.flatnonzero(dones)
         percepts, terminated = upcoming.copy(), dones.copy()
         percepts[ended] = self._perceive(np.stack([infos[i]["terminal_observation"] for i in ended]))

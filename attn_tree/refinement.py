@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from attn_tree.memory import Transitions
 from attn_tree.tree.criterion import Evidence, delta_variance
 from attn_tree.tree.node import Node, Question
 from attn_tree.tree.splitter import best_split
-from attn_tree.vision.retina import Retina
 from attn_tree.vocabulary import Vocabulary
 
 # Share of the reward range by which Q may differ from the Δ remembered and still count as settled.
@@ -109,7 +109,7 @@ class Snapshot:
 def best_question(
     vocabulary: Vocabulary,
     leaf: Node,
-    retinas: Sequence[Retina],
+    percepts: Sequence[Any],
     evidence: Evidence,
     growth: Growth,
     rng: np.random.Generator,
@@ -120,10 +120,10 @@ def best_question(
     separates the percepts; None if none ever does.
     """
     for attempt in range(1 + growth.retries):
-        questions = vocabulary.candidates(leaf, retinas, rng, attempt)
+        questions = vocabulary.candidates(leaf, percepts, rng, attempt)
         if not questions:
             return None
-        answers = np.array([vocabulary.answers(questions, retina) for retina in retinas])
+        answers = np.array([vocabulary.answers(questions, percept) for percept in percepts])
         best = best_split(
             evidence,
             answers,

@@ -137,8 +137,6 @@ class RLVC(QuasiStaticLearner):
         **settings: those of `QuasiStaticLearner` and `TableLearner`.
     """
 
-    vocabulary: FeatureVocabulary
-
     def __init__(
         self,
         env: GymEnv | str | None,
@@ -150,8 +148,9 @@ class RLVC(QuasiStaticLearner):
     ) -> None:
         if growth is None:
             growth = replace(Growth(), significance=0.05)
-        super().__init__(env, FeatureVocabulary(distinct, match), growth=growth, **settings)
+        self.features = FeatureVocabulary(distinct, match)
+        super().__init__(env, self.features, growth=growth, **settings)
 
     def _settings(self) -> dict[str, Any]:
-        words = self.vocabulary
+        words = self.features
         return {**super()._settings(), "distinct": words.distinct, "match": words.match}

@@ -208,8 +208,6 @@ class STree(QuasiStaticLearner):
         **settings: those of `QuasiStaticLearner` and `TableLearner`.
     """
 
-    vocabulary: SaccadeVocabulary
-
     def __init__(
         self,
         env: GymEnv | str | None,
@@ -221,11 +219,11 @@ class STree(QuasiStaticLearner):
         places: Literal["random", "eight"] = "random",
         **settings: Any,
     ) -> None:
-        vocabulary = SaccadeVocabulary(radius, codewords, candidates, feature, places)
-        super().__init__(env, vocabulary, **settings)
+        self.saccades = SaccadeVocabulary(radius, codewords, candidates, feature, places)
+        super().__init__(env, self.saccades, **settings)
 
     def _settings(self) -> dict[str, Any]:
-        words = self.vocabulary
+        words = self.saccades
         return {
             **super()._settings(),
             "radius": words.radius,

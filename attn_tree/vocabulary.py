@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from attn_tree.percepts import Sense
 from attn_tree.tree.node import Node, Question
-from attn_tree.vision.retina import Retina
 
 
 class Vocabulary(ABC):
     """What may be asked of a percept, and how it is answered from a retina.
 
     A question is a hashable JSON value or a (named) tuple of them; an answer is a small
-    non-negative integer.
+    non-negative integer. A percept is a `Retina` where `senses` is "images", a `Gauge` where it
+    is "values", and a `Moment` for a vocabulary that `remembers`.
     """
+
+    senses: Sense = "images"
+    remembers: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -30,24 +34,24 @@ class Vocabulary(ABC):
 
     @abstractmethod
     def candidates(
-        self, leaf: Node, retinas: Sequence[Retina], rng: np.random.Generator, attempt: int
+        self, leaf: Node, percepts: Sequence[Any], rng: np.random.Generator, attempt: int
     ) -> Sequence[Question]:
         """Questions that could split `leaf`, none asked above it; none at all if there are no more.
 
         Args:
             leaf: the aliased leaf.
-            retinas: show its percepts.
+            percepts: those remembered under it.
             rng: for what is drawn at random.
             attempt: 0 at first, then 1, 2, … as long as no question offered separates the percepts.
         """
 
     @abstractmethod
-    def answer(self, question: Question, retina: Retina) -> int:
-        """The answer to one question, reading through the retina."""
+    def answer(self, question: Question, percept: Any) -> int:
+        """The answer to one question, reading through the percept."""
 
-    def answers(self, questions: Sequence[Question], retina: Retina) -> np.ndarray:
+    def answers(self, questions: Sequence[Question], percept: Any) -> np.ndarray:
         """The answers `(Q,)` to several questions about one percept."""
-        return np.array([self.answer(question, retina) for question in questions])
+        return np.array([self.answer(question, percept) for question in questions])
 
     def nearest(self, question: Question, answer: int, seen: Sequence[int]) -> int | None:
         """Of the answers seen under a node, the one nearest to an unseen one; None if none is near."""
@@ -75,6 +79,6 @@ class Vocabulary(ABC):
         """The answer in a word."""
         return str(answer)
 
-    def picture(self, question: Question, retinas: Sequence[Retina]) -> np.ndarray | None:
+    def picture(self, question: Question, percepts: Sequence[Any]) -> np.ndarray | None:
         """What a node looks at: a small image, `(h, w, 3)` or `(h, w)` uint8, or None."""
         return None

@@ -150,6 +150,17 @@ class Tree:
         twin.root = _copy(self.root, None)
         return twin
 
+    @classmethod
+    def around(cls, node: Node) -> Tree:
+        """An independent copy of the tree that `node` stands in."""
+        root = node
+        for above in node.ancestors():
+            root = above
+        tree = cls()
+        tree.root = _copy(root, None)
+        tree.rows = 1 + max(leaf.row for leaf in tree.leaves)
+        return tree
+
     def to_json(self) -> dict[str, Any]:
         """The tree as JSON values; questions must be JSON values or tuples of them."""
         return {"rows": self.rows, "root": _to_json(self.root)}

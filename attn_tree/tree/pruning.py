@@ -36,7 +36,7 @@ def prune(
         best in all of them stays best.
     """
     pruned = tree.copy()
-    _drop_unvisited(pruned, set(visited))
+    drop_unvisited(pruned, set(visited))
     kept = list(values)
     refused: set[int] = set()
     while (node := _mergeable(pruned, kept, refused)) is not None:
@@ -68,7 +68,7 @@ def _mergeable(tree: Tree, values: list[np.ndarray], refused: set[int]) -> Node 
     return None
 
 
-def _drop_unvisited(tree: Tree, visited: set[int]) -> None:
+def drop_unvisited(tree: Tree, visited: set[int]) -> None:
     """Rule 2. A tree that nothing reaches is left alone: there is nothing to keep instead."""
     reached = {leaf for leaf in tree.leaves if leaf.row in visited}
     if not reached:

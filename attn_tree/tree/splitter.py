@@ -8,6 +8,9 @@ import numpy as np
 
 from .criterion import Evidence, holm, separation_p_value, variance_reductions
 
+# Answers above this are renumbered per question, so that their size costs no memory.
+_MANY = 256
+
 
 @dataclass(frozen=True, slots=True)
 class Split:
@@ -39,6 +42,8 @@ def best_split(
 
     Ties go to the first question and the lowest action.
     """
+    if answers.max(initial=0) >= _MANY:
+        answers = np.column_stack([np.unique(column, return_inverse=True)[1] for column in answers.T])
     # Questions that part the percepts alike are one question (and one test): keep the first.
     answers, first = _distinct(answers)
     plain: list[np.ndarray] = []

@@ -140,7 +140,8 @@ def metering() -> bool:
     return _METER.get() is not None
 
 
-def _open_ledger(width: int, height: int) -> Ledger:
+def open_ledger(width: int, height: int) -> Ledger:
+    """A new ledger, which a meter that runs collects."""
     ledger = Ledger(width, height)
     running = _METER.get()
     if running is not None:
@@ -183,7 +184,7 @@ class Retina:
             )
         self._image = image
         self._corner = 0, 0  # left, top: where in the native image this one begins
-        self.ledger = _open_ledger(image.shape[1], image.shape[0])
+        self.ledger = open_ledger(image.shape[1], image.shape[0])
         self.computed: dict[Hashable, Any] = {}
 
     @property
@@ -221,6 +222,17 @@ class Retina:
         part._corner = self._corner[0] + int(left), self._corner[1] + int(top)
         part.ledger, part.computed = self.ledger, {}
         return part
+
+    def carried(self, ledger: Ledger) -> Retina:
+        """The same image remembered at a later moment.
+
+        What is `computed` was paid for when the image was seen and stays known; what is read of it
+        now is entered in `ledger`, that of the later moment.
+        """
+        later = object.__new__(Retina)
+        later._image, later._corner = self._image, self._corner
+        later.ledger, later.computed = ledger, self.computed
+        return later
 
     def window(
         self, center: tuple[float, float], size: int, stage: Stage = "recognition", stride: int = 1
@@ -276,7 +288,7 @@ class TensorRetina:
             )
         self._images = images
         self.height, self.width = int(images.shape[2]), int(images.shape[3])
-        self.ledgers = [_open_ledger(self.width, self.height) for _ in images] if metering() else []
+        self.ledgers = [open_ledger(self.width, self.height) for _ in images] if metering() else []
 
     def __len__(self) -> int:
         return self._images.shape[0]
