@@ -31,7 +31,10 @@ TABLE = {
     "VisualGridworld-6x6-v0": Task(GRID, {"map": gridworld.MAP_6X6}, 150),
     "VisualGridworld-10x10-v0": Task(GRID, {"map": gridworld.MAP_10X10}, 400),
     "VisualGridworld-Custom-v0": Task(GRID, {}, 200),
+    "CheeseMaze-v0": Task("envs.mazes:cheese_maze", {}, 100),
+    "McCallumMaze-v0": Task("envs.mazes:mccallum_maze", {}, 100),
     "ObjectRecognition-v0": Task("envs.recognition:object_recognition", {}, 10),
+    "DetailRecognition-v0": Task("envs.recognition:detail_recognition", {}, 10),
 }
 
 REGISTERED = tuple(f"attn_tree/{name}" for name in TABLE)

@@ -11,6 +11,7 @@ not say which cells share an image (8.9), they are chosen by what is optimal in 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,17 @@ from envs.world import World
 
 ACTIONS = ("up", "right", "down", "left")
 MOVES = ((-1, 0), (0, 1), (1, 0), (0, -1))
-REWARDS = {"chapter8": (1.0, -1.0), "chapter7": (10.0, -1.0)}  # goal, illegal move
+
+
+class Rewards(NamedTuple):
+    """What moves earn: into the goal, into an obstacle or out of the grid, and anywhere else."""
+
+    goal: float
+    illegal: float
+    move: float = 0.0
+
+
+REWARDS = {"chapter8": Rewards(1.0, -1.0), "chapter7": Rewards(10.0, -1.0)}
 GAMMA = 0.8  # the discount under which "the same best action" is meant (figure 7.5)
 
 MAP_4X4 = """
@@ -87,12 +98,9 @@ def parse_map(text: str) -> tuple[list[tuple[int, int]], tuple[int, int], tuple[
     return cells, goals[0], (len(lines), len(lines[0]))
 
 
-def _dynamics(text: str, rewards: str) -> World:
-    """The grid as a world of one-pixel images, one per state."""
+def grid_world(text: str, rewards: Rewards) -> World:
+    """The grid of an ASCII map as a world of one-pixel images, one per state; see `parse_map`."""
     cells, goal, shape = parse_map(text)
-    if rewards not in REWARDS:
-        raise ValueError(f"rewards must be one of {', '.join(REWARDS)}, not {rewards!r}")
-    at_goal, illegal = REWARDS[rewards]
     number = {cell: state for state, cell in enumerate(cells)}
     states, free = len(cells), [cell != goal for cell in cells]
     following = np.empty((states, 4, 1), np.int32)
@@ -102,9 +110,8 @@ def _dynamics(text: str, rewards: str) -> World:
             target = number.get((row + dr, column + dc))
             following[state, action] = state if target is None else target
             if free[state]:
-                reward[state, action] = (
-                    illegal if target is None else at_goal if target == number[goal] else 0.0
-                )
+                legal = rewards.goal if target == number[goal] else rewards.move
+                reward[state, action] = rewards.illegal if target is None else legal
     following[number[goal]] = number[goal]
     return World(
         next_state=following,
@@ -251,7 +258,9 @@ def visual_gridworld(
         ValueError: a malformed map, an unknown or impossible option, a bank that
             cannot provide the images.
     """
-    dynamics = _dynamics(map, rewards)
+    if rewards not in REWARDS:
+        raise ValueError(f"rewards must be one of {', '.join(REWARDS)}, not {rewards!r}")
+    dynamics = grid_world(map, REWARDS[rewards])
     groups = image_groups(dynamics, share)
     size = pixels(image_size)
     objects = int(groups.max()) + 1

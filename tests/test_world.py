@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.gridworld import MAP_4X4, MAP_6X6, MAP_10X10, _dynamics, image_groups, parse_map
+from envs.gridworld import MAP_4X4, MAP_6X6, MAP_10X10, REWARDS, grid_world, image_groups, parse_map
 from envs.world import World
 
 
@@ -119,7 +119,7 @@ def test_no_uniform_number_draws_an_impossible_successor(seed):
     ("text", "free", "longest"), [(MAP_4X4, 13, 6), (MAP_6X6, 31, 10), (MAP_10X10, 28, 18)]
 )
 def test_grid_values_are_discounted_shortest_ways(text, free, longest):
-    world = _dynamics(text, "chapter8")
+    world = grid_world(text, REWARDS["chapter8"])
     cells, goal, _ = parse_map(text)
     steps, frontier = {goal: 0}, [goal]
     for row, column in frontier:
@@ -137,7 +137,7 @@ def test_grid_values_are_discounted_shortest_ways(text, free, longest):
 
 
 def test_the_thesis_grid_cell_by_cell():
-    world = _dynamics(MAP_4X4, "chapter7")
+    world = grid_world(MAP_4X4, REWARDS["chapter7"])
     assert world.state_names == ("1", "2", "3", "4", "5", "7", "8", "9", "10", "12", "13", "14", "15", "16")
     state = {name: number for number, name in enumerate(world.state_names)}
     up, right, down, left = range(4)
@@ -154,7 +154,7 @@ def test_the_thesis_grid_cell_by_cell():
     ("share", "objects", "largest"), [("distinct", 13, 1), ("three", 11, 3), ("seven", 7, 7), ("two", 2, 7)]
 )
 def test_the_four_conditions_of_figure_8_9(share, objects, largest):
-    world = _dynamics(MAP_4X4, "chapter8")
+    world = grid_world(MAP_4X4, REWARDS["chapter8"])
     groups = image_groups(world, share)
     assert groups[-1] == -1
     sizes = np.bincount(groups[:-1])
@@ -165,7 +165,7 @@ def test_the_four_conditions_of_figure_8_9(share, objects, largest):
 
 
 def test_cells_named_by_the_user_share_an_image():
-    world = _dynamics(MAP_4X4, "chapter8")
+    world = grid_world(MAP_4X4, REWARDS["chapter8"])
     groups = image_groups(world, [(2, 5, 12, 15)])  # the hidden-state case of figure 8.14
     names = [name for name, group in zip(world.state_names, groups, strict=True) if group == groups[1]]
     assert names == ["2", "5", "12", "15"] and groups.max() == 9
