@@ -234,8 +234,6 @@ class ThumbnailTree(QuasiStaticLearner):
         **settings: those of `QuasiStaticLearner` and `TableLearner`.
     """
 
-    vocabulary: ThumbnailVocabulary
-
     def __init__(
         self,
         env: GymEnv | str | None,
@@ -245,10 +243,11 @@ class ThumbnailTree(QuasiStaticLearner):
         colours: Colours = "chromatic",
         **settings: Any,
     ) -> None:
-        super().__init__(env, ThumbnailVocabulary(size, candidates, colours), **settings)
+        self.thresholds = ThumbnailVocabulary(size, candidates, colours)
+        super().__init__(env, self.thresholds, **settings)
 
     def _settings(self) -> dict[str, Any]:
-        words = self.vocabulary
+        words = self.thresholds
         own = {"size": words.size, "candidates": words.n_candidates, "colours": words.colours}
         return {**super()._settings(), **own}
 
@@ -293,8 +292,6 @@ class CoarseRLVC(QuasiStaticLearner):
         **settings: those of `QuasiStaticLearner` and `TableLearner`.
     """
 
-    vocabulary: CoarseFeatureVocabulary
-
     def __init__(
         self,
         env: GymEnv | str | None,
@@ -307,10 +304,10 @@ class CoarseRLVC(QuasiStaticLearner):
     ) -> None:
         if growth is None:
             growth = Growth(significance=0.05)
-        vocabulary = CoarseFeatureVocabulary(shrink, distinct, match)
-        super().__init__(env, vocabulary, growth=growth, **settings)
+        self.features = CoarseFeatureVocabulary(shrink, distinct, match)
+        super().__init__(env, self.features, growth=growth, **settings)
 
     def _settings(self) -> dict[str, Any]:
-        words = self.vocabulary
+        words = self.features
         own = {"shrink": words.shrink, "distinct": words.distinct, "match": words.match}
         return {**super()._settings(), **own}
