@@ -251,7 +251,7 @@ class DetailScenes:
         right, down, scale, turn = rng.uniform(-1, 1, 4) * self.jitter
         center = (width - 1) / 2, (height - 1) / 2
         move = cv2.getRotationMatrix2D(center, TURN * turn, 1 + SCALE * scale)
-        move[:, 2] += SHIFT * self.unit * np.array([right, down])
+        move[:, 2] += SHIFT * self.unit * right, SHIFT * self.unit * down
         return move
 
     def _symbols(self, layout: Layout, word: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -306,9 +306,10 @@ def _hang(image: np.ndarray, mark: np.ndarray, place: np.ndarray, side: float, a
     reach = int(np.ceil(side / 2)) + 2
     left, top = (np.round(place).astype(int) - reach).tolist()
     right, bottom = left + 2 * reach + 1, top + 2 * reach + 1
-    warp = cv2.getRotationMatrix2D(((CANVAS - 1) / 2, (CANVAS - 1) / 2), angle, FINER * side / CANVAS)
+    middle = (CANVAS - 1) / 2
+    warp = np.asarray(cv2.getRotationMatrix2D((middle, middle), angle, FINER * side / CANVAS), np.float64)
     # Centre of the canvas to the place, in the finer pixels of the patch.
-    warp[:, 2] += (place - np.array([left, top]) + 0.5) * FINER - 0.5 - (CANVAS - 1) / 2
+    warp[:, 2] += (place - np.array([left, top]) + 0.5) * FINER - 0.5 - middle
     fine = (2 * reach + 1) * FINER
     patch = cv2.warpAffine(mark, warp, (fine, fine), flags=cv2.INTER_LINEAR)
     patch = cv2.resize(patch, (2 * reach + 1,) * 2, interpolation=cv2.INTER_AREA)
