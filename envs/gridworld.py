@@ -1,11 +1,11 @@
 """Builders of visual gridworlds (thesis 7.4 and 8.4.1).
 
 A grid whose every free cell is carpeted with an image: all that the agent perceives
-is the image underfoot. Deviations from the thesis: (1) its 10×10 maze (figure 8.10,
-28 free cells besides the goal) is lost; `MAP_10X10` is **ours**, a maze of the same
-size with dead ends and a longest way of 18 steps; (2) the goal shows a drawn flag,
-never a photograph, because no decision is taken there; (3) where the figure does
-not say which cells share an image (8.9), they are chosen by what is optimal in them.
+is the image underfoot. Deviations from the thesis: (1) three of its grids are lost, and
+`MAP_10X10`, `MAP_FIGURE_8_7` and `MAP_FIGURE_8_14B` are **ours**, made to fit what the
+text says of them (see the comments on them); (2) the goal shows a drawn flag, never a
+photograph, because no decision is taken there; (3) where the figure does not say which
+cells share an image (8.9), they are chosen by what is optimal in them.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ MAP_6X6 = """
     .#....
     .....G
 """
+# Figure 8.10 is lost: ours has its 28 cells besides the goal, dead ends, and a longest way of 18 steps.
 MAP_10X10 = """
     ....##..##
     ###.##.###
@@ -61,6 +62,25 @@ MAP_10X10 = """
     #########.
     #########G
 """
+# Figure 8.7 is lost: ours has its eleven cells and a goal in the bottom row, three directions are needed,
+# and the cells fall in eight classes of equal value and equal best actions, as many as the thesis has states.
+MAP_FIGURE_8_7 = """
+    ...#
+    .#..
+    .#..
+    .G.#
+"""
+# The second case of figure 8.14 is lost: ours has nine cells besides the goal, as many as the thesis has
+# states, no two of equal action values. Four share an image; once an episode has begun outside of them,
+# the last action and the image before it always tell what is best, and neither of the two does alone.
+MAP_FIGURE_8_14B = """
+    ...#
+    #.##
+    ...#
+    .#.G
+"""
+SHARED_FIGURE_8_14A = ((2, 5, 12, 15),)  # in MAP_4X4, as the thesis says
+SHARED_FIGURE_8_14B = ((2, 10, 11, 15),)
 
 
 def parse_map(text: str) -> tuple[list[tuple[int, int]], tuple[int, int], tuple[int, int]]:
@@ -198,10 +218,19 @@ def _two_actions(world: World, free: list[int]) -> list[list[int]]:
     return groups
 
 
+def _unshared(groups: np.ndarray) -> np.ndarray:
+    """The states whose image no other shows."""
+    states = np.flatnonzero((groups >= 0) & (np.bincount(groups + 1)[groups + 1] == 1))
+    if not len(states):
+        raise ValueError("starts='unshared' needs a cell whose image no other cell shows")
+    return states
+
+
 def visual_gridworld(
     map: str = MAP_4X4,
     rewards: str = "chapter8",
     share: str | Sequence[Sequence[int]] = "distinct",
+    starts: str = "anywhere",
     bank: str = "photographs",
     bank_seed: int = 0,
     views: int = 1,
@@ -217,8 +246,11 @@ def visual_gridworld(
     cell's views, drawn anew at every visit (thesis 8.4.1, figures 7.5, 8.7–8.13).
     Registered as `VisualGridworld-4x4-v0` (obstacles 6 and 11, goal 16, cells
     numbered from 1 row by row), `-6x6-v0` (obstacles [3 3; 3 4; 4 4; 5 2], goal
-    [6 6]), `-10x10-v0` (a maze with 28 free cells besides the goal; the thesis's is
-    lost, this one is ours) and `-Custom-v0` (your `map`).
+    [6 6]), `-10x10-v0` (a maze with 28 free cells besides the goal), `-Figure8.7-v0`
+    (eleven free cells besides the goal), `-Figure8.14a-v0` (the 4×4 grid in which cells
+    2, 5, 12 and 15, with different best actions, show one image), `-Figure8.14b-v0` (a
+    grid of nine cells of which four show one image) and `-Custom-v0` (your `map`). The
+    thesis's 10×10, 8.7 and second 8.14 are lost: these are ours.
 
     ## Observation Space
     `Box(0, 255, (H, W, 3), uint8)`, or with `obs="index"` `Discrete(N)`, the index in
@@ -232,11 +264,12 @@ def visual_gridworld(
     the grid, else 0. `"chapter7"`: +10 and -1.
 
     ## Starting State
-    Any free cell but the goal, uniformly.
+    Any free cell but the goal, uniformly; with `starts="unshared"` any of those whose
+    image no other cell shows.
 
     ## Episode End
-    Termination on entering the goal. Truncation after 100 (4×4), 150 (6×6), 400
-    (10×10) or 200 (Custom) steps. After an illegal move the agent stays.
+    Termination on entering the goal. Truncation after 100 (4×4 and figures), 150
+    (6×6), 400 (10×10) or 200 (Custom) steps. After an illegal move the agent stays.
 
     ## Arguments
     Args:
@@ -246,6 +279,7 @@ def visual_gridworld(
             "distinct" (1: none), "three" (2: three cells with the same best action),
             "seven" (3), "two" (4: two objects in all, one per best action); or lists
             of cell numbers, `[(2, 5, 12, 15)]`.
+        starts: "anywhere", or "unshared": outside the cells that share an image.
         bank: "photographs", "rendered", "coil100" or the path of a folder of classes.
         bank_seed: which photographs and which views.
         views: training views per object.
@@ -262,6 +296,10 @@ def visual_gridworld(
         raise ValueError(f"rewards must be one of {', '.join(REWARDS)}, not {rewards!r}")
     dynamics = grid_world(map, REWARDS[rewards])
     groups = image_groups(dynamics, share)
+    if starts == "unshared":
+        dynamics = dynamics.starting_in(_unshared(groups))
+    elif starts != "anywhere":
+        raise ValueError(f"starts must be anywhere or unshared, not {starts!r}")
     size = pixels(image_size)
     objects = int(groups.max()) + 1
     if views < 1 or heldout_views < 0:

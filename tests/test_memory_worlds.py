@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from test_world import random_world
 
+from envs import gridworld
 from envs.bounds import belief_bound, best_policy, memory_bound
 from envs.gridworld import REWARDS, grid_world, visual_gridworld
 from envs.mazes import M_MAZE, cheese_maze, feeling_walls, mccallum_maze
 from envs.memory import with_memory
 from envs.world import World
 
-ALIASED = (2, 5, 12, 15)  # the first case of figure 8.14
 
-
-def aliased_grid(outside: bool) -> World:
-    world = visual_gridworld(share=[ALIASED], image_size=16, heldout_views=0).train
-    hiding = [world.state_names.index(str(cell)) for cell in ALIASED]
-    others = [s for s in range(world.n_states) if not world.terminal[s] and s not in hiding]
-    return world.starting_in(others) if outside else world
+def aliased_grid(case: str, starts: str) -> World:
+    map, share = {
+        "a": (gridworld.MAP_4X4, gridworld.SHARED_FIGURE_8_14A),
+        "b": (gridworld.MAP_FIGURE_8_14B, gridworld.SHARED_FIGURE_8_14B),
+    }[case]
+    return visual_gridworld(map=map, share=share, starts=starts, image_size=16, heldout_views=0).train
 
 
 def corridor(map: str) -> World:
@@ -127,7 +127,9 @@ def test_the_memory_bound_is_exact_where_chance_and_aliasing_mix(seed):
     assert best.value == pytest.approx(oracle) == exact_return(world, best.policy, 0.8)
 
 
-@pytest.mark.parametrize("world", [corridor("..G."), corridor("...G\n.#.."), aliased_grid(False), M_MAZE])
+@pytest.mark.parametrize(
+    "world", [corridor("..G."), corridor("...G\n.#.."), aliased_grid("a", "anywhere"), M_MAZE]
+)
 def test_more_memory_is_never_worse_and_beliefs_bound_it(world):
     if isinstance(world, str):
         world = feeling_walls(grid_world(world, REWARDS["chapter8"]), 16)
@@ -146,7 +148,7 @@ def test_nothing_hidden_nothing_lost():
 
 def test_the_first_case_of_figure_8_14():
     """Starting outside the aliased cells one step of memory is enough; else the first move is a guess."""
-    outside, anywhere = aliased_grid(True), aliased_grid(False)
+    outside, anywhere = aliased_grid("a", "unshared"), aliased_grid("a", "anywhere")
     top = outside.start @ outside.optimal_values(0.8).max(axis=1)
     assert memory_bound(outside, 0, 0.8) == pytest.approx(0.288)
     assert memory_bound(outside, 1, 0.8) == pytest.approx(top) == pytest.approx(0.612409, abs=1e-6)
@@ -156,6 +158,27 @@ def test_the_first_case_of_figure_8_14():
     assert memory_bound(anywhere, 2, 0.8, "action") < memory_bound(anywhere, 1, 0.8) - 0.02
     best = with_memory(outside, 1).world
     assert best.correct_policy_rate(best_policy(best, 0.8).policy, 0.8) == 1.0
+
+
+def test_our_second_case_of_figure_8_14_needs_both_halves_of_a_pair():
+    outside, anywhere = aliased_grid("b", "unshared"), aliased_grid("b", "anywhere")
+    assert (~outside.terminal).sum() == 9 and outside.n_images == 7
+    top = outside.start @ outside.optimal_values(0.8).max(axis=1)
+    assert memory_bound(outside, 1, 0.8) == pytest.approx(top) == pytest.approx(0.417792)
+    for depth, of in ((0, "pair"), (1, "action"), (1, "state")):
+        assert memory_bound(outside, depth, 0.8, of) < 0.6 * top
+    assert memory_bound(anywhere, 1, 0.8) == pytest.approx(belief_bound(anywhere, 0.8))
+    remembered = with_memory(outside, 1).world
+    assert remembered.correct_policy_rate(best_policy(remembered, 0.8).policy, 0.8) == 1.0
+
+
+def test_our_figure_8_7_has_eleven_cells_in_eight_classes():
+    world = grid_world(gridworld.MAP_FIGURE_8_7, REWARDS["chapter8"])
+    values, best = world.optimal_values(0.8), world.optimal_actions(0.8)
+    kinds = np.column_stack([values.max(axis=1).round(9), best])[~world.terminal]
+    assert len(kinds) == 11 and len(np.unique(kinds, axis=0)) == 8
+    assert world.positions[world.terminal][0, 0] == 3  # in the bottom row
+    assert all(not best[~world.terminal][:, [a, b]].any(axis=1).all() for a in range(4) for b in range(4))
 
 
 def test_what_cannot_be_computed_is_refused_in_one_line(monkeypatch):
@@ -174,4 +197,4 @@ def test_what_cannot_be_computed_is_refused_in_one_line(monkeypatch):
         assert "\n" not in str(caught.value)
     monkeypatch.setattr("envs.bounds._MOST_TRIALS", 2)
     with pytest.raises(ValueError, match="more than 2 policies"):
-        memory_bound(aliased_grid(False), 1, 0.8)
+        memory_bound(aliased_grid("a", "anywhere"), 1, 0.8)
