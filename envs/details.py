@@ -13,7 +13,8 @@ Why it is fair:
 
 - The background is plain to see in a thumbnail, but it says only which *group* of classes it is.
 - Every scene shows every symbol equally often, whatever its class: that a symbol is *somewhere* in the
-  scene, or how often, says nothing. Only a symbol at its place does.
+  scene, or how often, says nothing. Only a symbol at its place does (or, by exclusion, those at all the
+  other places together).
 - Symbols cover the same area in the same ink on average, so that mean brightness or colour, of the scene
   or of a place, says nothing about them. To tell them apart one must resolve their strokes.
 - Nothing about a view depends on its class but the symbols at the deciding places.
@@ -115,7 +116,7 @@ class DetailScenes:
     size: tuple[int, int] = (640, 480)
     seed: int = 0
     backgrounds: int | None = None
-    mark_size: float = 20.0
+    mark_size: float = 18.0
     jitter: float = 1.0
     symbols: int = 4
     places: int = 12

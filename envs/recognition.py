@@ -109,7 +109,7 @@ def detail_recognition(
     views: int = 6,
     heldout_views: int = 6,
     image_size: Size = (640, 480),
-    mark_size: float = 20.0,
+    mark_size: float = 18.0,
     jitter: float = 1.0,
     symbols: int = 4,
     places: int = 12,
