@@ -20,6 +20,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
+from attn_tree.gist_questions import GistVocabulary
+from attn_tree.joint import JointVocabulary
 from attn_tree.learner import QuasiStaticLearner
 from attn_tree.tree.node import Node
 from attn_tree.vision.codebook import distances, kmeans_codebook, nearest_word
@@ -205,6 +207,8 @@ class STree(QuasiStaticLearner):
         candidates: places drawn for a leaf (thesis: q = 8).
         feature: "strongest" (f2) or "nearest" (f1) SIFT feature in the window.
         places: "random" or "eight" directions from the last fixation.
+        gist: kinds of scene that one coarse look tells apart at the root, before any saccade
+            (8.3.1); 0 for no such look.
         **settings: those of `QuasiStaticLearner` and `TableLearner`.
     """
 
@@ -217,10 +221,16 @@ class STree(QuasiStaticLearner):
         candidates: int = 8,
         feature: Literal["strongest", "nearest"] = "strongest",
         places: Literal["random", "eight"] = "random",
+        gist: int = 0,
         **settings: Any,
     ) -> None:
         self.saccades = SaccadeVocabulary(radius, codewords, candidates, feature, places)
-        super().__init__(env, self.saccades, **settings)
+        self.gist = gist
+        vocabulary: Vocabulary = self.saccades
+        if gist:
+            parts: dict[str, Vocabulary] = {"gist": GistVocabulary(gist), "sight": self.saccades}
+            vocabulary = JointVocabulary(parts, first="gist")
+        super().__init__(env, vocabulary, **settings)
 
     def _settings(self) -> dict[str, Any]:
         words = self.saccades
@@ -231,4 +241,5 @@ class STree(QuasiStaticLearner):
             "candidates": words.n_candidates,
             "feature": words.feature,
             "places": words.places,
+            "gist": self.gist,
         }
