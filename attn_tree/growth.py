@@ -27,6 +27,11 @@ class Growth:
         patience: phases in a row without an aliased leaf, and with a settled table, after which
             learning stops; None goes on, as in a world that changes.
         drop_dead: cut the leaves that no remembered percept reaches any more off the grown tree.
+        criterion: what makes a question the best: "variance" of Δ that it takes away, how differently
+            its answers distribute Δ ("kolmogorov", `tree.kolmogorov`), or what is gained by acting
+            differently on them ("utility", `tree.utility`).
+        fringe: how many questions are looked at together where fewer do not help (`tree.fringe`).
+        max_leaves: most leaves of the grown tree; None sets no limit.
     """
 
     mem_threshold: int = 20
@@ -41,12 +46,20 @@ class Growth:
     leaf_values: Literal["q", "model"] = "q"
     patience: int | None = 2
     drop_dead: bool = False
+    criterion: Literal["variance", "kolmogorov", "utility"] = "variance"
+    fringe: int = 1
+    max_leaves: int | None = None
 
     def __post_init__(self) -> None:
-        for name, allowed in {"memory": ("keep", "clear"), "leaf_values": ("q", "model")}.items():
+        choices = {
+            "memory": ("keep", "clear"),
+            "leaf_values": ("q", "model"),
+            "criterion": ("variance", "kolmogorov", "utility"),
+        }
+        for name, allowed in choices.items():
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(allowed)}")
-        for name in ("mem_threshold", "memory_size", "patience"):
+        for name in ("mem_threshold", "memory_size", "patience", "fringe", "max_leaves"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; expected at least 1")

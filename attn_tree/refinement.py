@@ -15,8 +15,11 @@ import numpy as np
 from attn_tree.growth import Growth
 from attn_tree.memory import Transitions
 from attn_tree.tree.criterion import Evidence, delta_variance
-from attn_tree.tree.node import Node, Question
-from attn_tree.tree.splitter import best_split
+from attn_tree.tree.fringe import fringe_split
+from attn_tree.tree.kolmogorov import most_different
+from attn_tree.tree.node import Node, Question, Tree
+from attn_tree.tree.splitter import Split, best_split
+from attn_tree.tree.utility import most_useful
 from attn_tree.vocabulary import Vocabulary
 
 # Share of the reward range by which Q may differ from the Δ remembered and still count as settled.
@@ -124,12 +127,34 @@ def best_question(
         if not questions:
             return None
         answers = np.array([vocabulary.answers(questions, percept) for percept in percepts])
-        best = best_split(
-            evidence,
-            answers,
-            significance=growth.significance,
-            cross_validated=growth.cross_validated,
-        )
+        allowed = _with_room(answers, leaf, growth)
+        best = _choose(evidence, answers[:, allowed], growth)
         if best is not None:
-            return questions[best.question], answers[:, best.question]
+            question = int(allowed[best.question])
+            return questions[question], answers[:, question]
     return None
+
+
+def _with_room(answers: np.ndarray, leaf: Node, growth: Growth) -> np.ndarray:
+    """Positions of the questions whose answers give no more leaves than the tree may have."""
+    if growth.max_leaves is None:
+        return np.arange(answers.shape[1])
+    room = growth.max_leaves - len(Tree.around(leaf).leaves) + 1
+    return np.array([q for q, column in enumerate(answers.T) if len(np.unique(column)) <= room], np.int64)
+
+
+def _choose(evidence: Evidence, answers: np.ndarray, growth: Growth) -> Split | None:
+    """The best question by the criterion asked for, looking ahead where no single one helps."""
+
+    def choose(evidence: Evidence, answers: np.ndarray, tests: int) -> Split | None:
+        # Of many choices made at once each must be the surer.
+        significance = None if growth.significance is None else growth.significance / tests
+        if growth.criterion == "kolmogorov":
+            return most_different(evidence, answers, significance=significance)
+        if growth.criterion == "utility":
+            return most_useful(evidence, answers, significance=significance)
+        return best_split(
+            evidence, answers, significance=significance, cross_validated=growth.cross_validated
+        )
+
+    return fringe_split(evidence, answers, growth.fringe, choose)
