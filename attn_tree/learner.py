@@ -33,7 +33,8 @@ from attn_tree.percepts import BankPercepts, Percepts, percepts_for
 from attn_tree.picture import draw_learner
 from attn_tree.q_learning import TableLearner
 from attn_tree.refinement import LeafMemory, Snapshot, best_question
-from attn_tree.tree.node import Node, Tree
+from attn_tree.tree.criterion import Evidence
+from attn_tree.tree.node import Node, Question, Tree
 from attn_tree.tree.pruning import drop_unvisited, prune
 from attn_tree.tree_policy import TreePolicy
 from attn_tree.vocabulary import Vocabulary
@@ -210,15 +211,13 @@ class QuasiStaticLearner(TableLearner):
     def _refine(self) -> None:
         """Split the aliased leaves by what is remembered; count the phase; log it."""
         self._memory.settle()
-        memory = self._memory.transitions
+        memory, counts = self._recalled()
         if not self.vocabulary.ready:
             self._prepare(memory)
         rows, next_rows = self._rows(memory.percepts), self._rows(memory.next_percepts)
         if self.growth.leaf_values == "model":
-            self.values = leaf_model_values(
-                rows, next_rows, memory, self._memory.counts, self.values, self.gamma
-            )
-        seen = Snapshot.of(memory, self._memory.counts, rows, next_rows, self.values, self.gamma, self.growth)
+            self.values = leaf_model_values(rows, next_rows, memory, counts, self.values, self.gamma)
+        seen = Snapshot.of(memory, counts, rows, next_rows, self.values, self.gamma, self.growth)
         settled = seen.settled(self.values)
         self.aliased, variances = 0, []
         for leaf in self.grown_tree.leaves:
@@ -233,13 +232,23 @@ class QuasiStaticLearner(TableLearner):
         self.version += 1
         self._log_phase()
 
+    def _recalled(self) -> tuple[Transitions, np.ndarray]:
+        """What leaves are refined by, and how often each was met: what is remembered."""
+        return self._memory.transitions, self._memory.counts
+
+    def _best_question(
+        self, leaf: Node, percepts: list[Any], evidence: Evidence
+    ) -> tuple[Question, np.ndarray] | None:
+        """What to ask at an aliased leaf, and the answers `(P,)` of its percepts; None if nothing helps."""
+        return best_question(self.vocabulary, leaf, percepts, evidence, self.growth, self.rng)
+
     def _split(self, leaf: Node, held: LeafMemory) -> bool:
         """Ask the best question at an aliased leaf; False if none separates its percepts."""
         row, known = leaf.row, frozenset(held.percepts.tolist())
         if self._unsplittable.get(row) == known:
             return False
         percepts = [self._percepts.percept(int(percept)) for percept in held.percepts]
-        best = best_question(self.vocabulary, leaf, percepts, held.evidence, self.growth, self.rng)
+        best = self._best_question(leaf, percepts, held.evidence)
         if best is None:
             self._unsplittable[row] = known
             return False

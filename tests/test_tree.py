@@ -11,8 +11,16 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from attn_tree.tree import Tree, best_split, prune
-from attn_tree.tree.criterion import Evidence, delta_variance, holm, separation_p_value, variance_reductions
+from attn_tree.tree.criterion import (
+    Evidence,
+    delta_variance,
+    holm,
+    reductions_by_action,
+    separation_p_value,
+    variance_reductions,
+)
 from attn_tree.tree.node import Node
+from attn_tree.tree.splitter import best_summed_split
 from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
 
 
@@ -141,6 +149,61 @@ def test_best_split_is_the_best_of_all_enumerated(seed: int) -> None:
         assert max(every) <= 1e-9
     else:
         assert split.reduction == pytest.approx(max(every))
+
+
+def some_pairs(rng: np.random.Generator, percepts: int, actions: int) -> Evidence:
+    """Evidence of which about a third is missing."""
+    known = np.argwhere(rng.random((percepts, actions)) < 0.7)
+    deltas = rng.normal(size=len(known)).round(2)
+    return Evidence.gather(known[:, 0], known[:, 1], deltas)
+
+
+@pytest.mark.parametrize("cross_validated", [False, True])
+@given(seed=st.integers(0, 10_000), percepts=st.integers(2, 12))
+def test_reductions_of_all_actions_at_once_are_those_of_each(
+    cross_validated: bool, seed: int, percepts: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    evidence = some_pairs(rng, percepts, 4)
+    answers = rng.integers(0, 2, (percepts, 5))
+    expected = []
+    for action in np.unique(evidence.actions):
+        pairs = evidence.of_action(int(action))
+        if np.ptp(evidence.means[pairs]) > 0:
+            told = answers[evidence.percepts[pairs]]
+            expected.append(variance_reductions(evidence.means[pairs], told, cross_validated))
+    found, weights = reductions_by_action(evidence, answers.astype(float), cross_validated)
+    np.testing.assert_allclose(found.T, np.reshape(expected, found.T.shape), atol=1e-4)
+    assert (weights > 0).all() and weights.sum() <= 1 + 1e-9
+
+
+def test_an_answer_in_doubt_counts_on_both_sides() -> None:
+    evidence = Evidence.gather(np.arange(4), np.zeros(4, int), np.array([1.0, 1.0, -1.0, -1.0]))
+    certain, doubtful, useless = np.array([1, 1, 0, 0]), np.array([1, 0.75, 0.25, 0]), np.full(4, 0.5)
+    found, _ = reductions_by_action(evidence, np.column_stack([certain, doubtful, useless]), False)
+    # Doubtful yes: 1.75 worth +1 and 0.25 worth -1, so a mean of 0.75 and a variance of 1 - 0.75².
+    np.testing.assert_allclose(found[:, 0], [1, 0.75**2, 0], atol=1e-6)
+
+
+def test_deviations_summed_over_actions_prefer_halving_the_classes_to_peeling_one_off() -> None:
+    classes = np.repeat(np.arange(8), 4)
+    percepts, actions = (a.ravel() for a in np.mgrid[:32, :8])
+    evidence = Evidence.gather(percepts, actions, np.where(classes[percepts] == actions, 1.0, -1.0))
+    peel, halve = classes == 0, classes < 4
+    answers = np.column_stack([peel, halve]).astype(int)
+    assert best_split(evidence, answers).question == 0
+    assert best_summed_split(evidence, answers.astype(float)) == 1
+    assert best_summed_split(evidence, answers.astype(float), least=17) is None
+
+
+def test_evidence_of_some_percepts_is_that_of_the_others_left_out() -> None:
+    rng = np.random.default_rng(0)
+    evidence, chosen = some_pairs(rng, 9, 3), np.array([1, 4, 8])
+    part = evidence.of_percepts(chosen)
+    for number, percept in enumerate(chosen):
+        np.testing.assert_array_equal(
+            part.means[part.percepts == number], evidence.means[evidence.percepts == percept]
+        )
 
 
 def test_evidence_aggregates_repeats_and_aliasing_ignores_how_often() -> None:

@@ -24,6 +24,8 @@ from scipy.special import stdtr
 _ROUNDING = 1e-9
 # Percept means are certain when their squared standard error is below this share of their variance.
 _CERTAIN = 0.01
+# Percepts on one side of a question from which on one of them can be left out; rounding is excused.
+_TWO = 2 - 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,12 @@ class Evidence:
         """Positions of the pairs with this action."""
         return np.flatnonzero(self.actions == action)
 
+    def of_percepts(self, chosen: np.ndarray) -> Evidence:
+        """That of some percepts alone, `(p,)` ascending positions, numbered 0…p-1 from then on."""
+        kept = np.isin(self.percepts, chosen)
+        numbers = np.searchsorted(chosen, self.percepts[kept])
+        return Evidence(numbers, self.actions[kept], self.means[kept], self.noise[kept], self.counts[kept])
+
 
 def delta_variance(evidence: Evidence) -> float:
     """The largest variance of Δ over percepts for one action: the aliasing of the leaf."""
@@ -102,6 +110,49 @@ def variance_reductions(means: np.ndarray, answers: np.ndarray, cross_validated:
     factor = np.where(counts > 1, (counts / np.maximum(counts - 1, 1)) ** 2, 0.0)
     alone = np.where(counts == 1, squares * parent, 0.0)
     return parent * np.var(means) - (within * factor + alone).sum(axis=1) / m
+
+
+def reductions_by_action(
+    evidence: Evidence, shares: np.ndarray, cross_validated: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Reduction of the variance of Δ by each yes-or-no question, for every action at once.
+
+    An answer may be in doubt: a percept then counts on both sides, in shares.
+
+    Args:
+        evidence: of the leaf, with P percepts.
+        shares: `(P, Q)` in [0, 1], how far the answer to each question is yes.
+        cross_validated: leave one percept out, as in `variance_reductions`; a side that doubt makes
+            worth n = (Σ share)² / Σ share² percepts is treated like one of n.
+
+    Returns:
+        `(Q, A)` reductions, those of `variance_reductions` where answers are certain, for the A
+        actions whose Δ differs under the leaf; and `(A,)` their share of all pairs.
+    """
+    wanted, columns = np.unique(evidence.actions, return_inverse=True)
+    pairs = np.bincount(columns)
+    centred = evidence.means - (np.bincount(columns, evidence.means) / pairs)[columns]
+    table = np.zeros((3, len(shares), len(wanted)), np.float32)
+    for values, column in zip(table, (np.ones_like(centred), centred, centred**2), strict=True):
+        values[evidence.percepts, columns] = column
+    total = table[2].sum(axis=0, dtype=np.float64)
+    used = (total > 0) & (pairs > 1)
+    table, pairs, total = np.ascontiguousarray(table[:, :, used]), pairs[used], total[used]
+    yes = np.ascontiguousarray(shares.T, np.float32)
+    sides = [[yes @ part for part in table]]
+    sides.append([part.sum(axis=0) - side for part, side in zip(table, sides[0], strict=True)])
+    parent = (pairs / (pairs - 1)) ** 2 if cross_validated else np.ones(len(pairs))
+    left = np.zeros((shares.shape[1], len(pairs)))
+    squared = yes**2 @ table[0] if cross_validated else None
+    for side, (counts, sums, squares) in enumerate(sides):
+        within = np.maximum(squares - sums**2 / np.maximum(counts, 1e-9), 0)
+        if squared is not None:
+            own = squared if side == 0 else np.maximum(pairs - 2 * sides[0][0] + squared, 0)
+            size = counts**2 / np.maximum(own, 1e-9)
+            factor = (size / np.maximum(size - 1, 1)) ** 2
+            within = np.where(size >= _TWO, within * factor, squares * parent)
+        left += within
+    return (parent * total - left) / pairs, pairs / max(len(evidence.means), 1)
 
 
 def separation_p_value(evidence: Evidence, pairs: np.ndarray, groups: np.ndarray) -> float:
