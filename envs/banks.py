@@ -82,17 +82,26 @@ class ImageBank:
         Raises:
             ValueError: a class has too few views.
         """
-        train, heldout = [], []
+        orders = []
         for name, array in zip(self.names, self.classes, strict=True):
             if n_train < 1 or n_heldout < 0 or n_train + n_heldout > len(array):
                 raise ValueError(
                     f"class {name!r} has {len(array)} views: cannot split off {n_train} to train on and "
                     f"{n_heldout} held out"
                 )
-            order = np.arange(len(array)) if rng is None else rng.permutation(len(array))
-            train.append(array[order[:n_train]])
-            heldout.append(array[order[n_train : n_train + n_heldout]])
-        return ImageBank(self.names, tuple(train)), ImageBank(self.names, tuple(heldout))
+            orders.append(np.arange(len(array)) if rng is None else rng.permutation(len(array)))
+        return (
+            self._choose([order[:n_train] for order in orders]),
+            self._choose([order[n_train : n_train + n_heldout] for order in orders]),
+        )
+
+    def _choose(self, rows: Sequence[np.ndarray]) -> ImageBank:
+        """These views of each class, in this order."""
+        classes = tuple(array[chosen] for array, chosen in zip(self.classes, rows, strict=True))
+        if self.angles is None:
+            return ImageBank(self.names, classes)
+        angles = tuple(turns[chosen] for turns, chosen in zip(self.angles, rows, strict=True))
+        return ImageBank(self.names, classes, angles)
 
     def split_by_angle(self, every: int) -> tuple[ImageBank, ImageBank]:
         """Train on the views at multiples of `every` degrees, hold out all views between them.
@@ -107,19 +116,19 @@ class ImageBank:
             raise ValueError(
                 "this bank's views have no angles: use coil100, rendered, or files named as obj7__45.png"
             )
-        parts: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
-        kept: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
-        for name, array, angles in zip(self.names, self.classes, self.angles, strict=True):
+        at, between = [], []
+        for name, angles in zip(self.names, self.angles, strict=True):
             order = np.argsort(angles, kind="stable")
             trained = angles[order] % every == 0 if every > 0 else np.zeros(len(order), bool)
-            for side, chosen in enumerate((order[trained], order[~trained])):
-                if not len(chosen):
-                    where = f"between multiples of {every}°" if side else f"at multiples of {every}°"
-                    raise ValueError(f"class {name!r} has no view {where}: choose another train_every")
-                parts[side].append(array[chosen])
-                kept[side].append(angles[chosen])
-        train, heldout = (ImageBank(self.names, tuple(p), tuple(a)) for p, a in zip(parts, kept, strict=True))
-        return train, heldout
+            for where, chosen in (("at", trained), ("between", ~trained)):
+                if not chosen.any():
+                    raise ValueError(
+                        f"class {name!r} has no view {where} multiples of {every}°: "
+                        "choose another train_every"
+                    )
+            at.append(order[trained])
+            between.append(order[~trained])
+        return self._choose(at), self._choose(between)
 
 
 def pixels(size: Size) -> tuple[int, int]:
