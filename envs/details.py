@@ -16,7 +16,10 @@ Why it is fair:
   scene, or how often, says nothing. Only a symbol at its place does (or, by exclusion, those at all the
   other places together).
 - Symbols cover the same area in the same ink on average, so that mean brightness or colour, of the scene
-  or of a place, says nothing about them. To tell them apart one must resolve their strokes.
+  or of a place, says nothing about them. To tell them apart one must resolve their strokes: a support
+  vector machine that is told the exact place of every mark names 38% of the four symbols at 10 pixels a
+  value (1% of the scene's pixels), 52% at 7.5 (1.8%), 74% at 6 (2.8%), 97% at 4.5 (5%). So the whole
+  scene read at a tenth of its pixels holds the answer; at a fiftieth it hardly does.
 - Nothing about a view depends on its class but the symbols at the deciding places.
 - Marks are drawn sharply and in full contrast: whoever looks at the right place has an easy task.
 """
@@ -24,11 +27,12 @@ Why it is fair:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import cv2
 import numpy as np
 
+from envs.marks import SYMBOLS, hang, mark
 from envs.photographs import FILES, relight
 from envs.photographs import _photograph as photograph
 
@@ -39,22 +43,6 @@ GROUNDS = (
 )  # photographs in colour
 SHIFT, SCALE, TURN = 6.0, 0.015, 0.7  # most that a view differs: pixels, share of the size, degrees
 TILT = 6.0  # degrees that a mark hangs askew, at most
-PLATE, INK = 236.0, 36.0  # grey levels
-COVER = 0.3  # share of a plate that the ink covers
-CANVAS = 192  # side of the square in which a mark is drawn
-FINER = 4  # pasted at so many times the image's resolution, then averaged
-
-# Strokes of the symbols; 1 is the radius of the plate. Alike in none of their turns.
-SYMBOLS: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
-    "cross": (((-0.5, -0.5), (0.5, 0.5)), ((-0.5, 0.5), (0.5, -0.5))),
-    "bars": tuple(((x, -0.6 + 0.15 * abs(x)), (x, 0.6 - 0.15 * abs(x))) for x in (-0.5, 0.0, 0.5)),
-    "ring": (
-        tuple((0.55 * float(np.cos(t)), 0.55 * float(np.sin(t))) for t in np.linspace(0, 2 * np.pi, 25)),
-    ),
-    "zigzag": (((-0.55, -0.5), (-0.2, 0.5), (0.2, -0.5), (0.55, 0.5)),),
-    "triangle": (((0.0, -0.65), (0.58, 0.4), (-0.58, 0.4), (0.0, -0.65)),),
-    "tee": (((-0.55, -0.5), (0.55, -0.5)), ((0.0, -0.5), (0.0, 0.6))),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +231,7 @@ class DetailScenes:
         angle = np.degrees(np.arctan2(move[1, 0], move[0, 0]))
         side = self.mark_size * self.unit * float(np.hypot(move[0, 0], move[1, 0]))
         for place, symbol in zip(places, symbols, strict=True):
-            _hang(image, _mark(int(symbol)), place, side, angle + rng.uniform(-TILT, TILT))
+            hang(image, mark(int(symbol)), place, side, angle + rng.uniform(-TILT, TILT))
         return Scene(relight(image, rng), places, symbols)
 
     def _move(self, rng: np.random.Generator) -> np.ndarray:
@@ -277,46 +265,3 @@ class DetailScenes:
                 corners = center + radius * np.column_stack([np.cos(shape), np.sin(shape)])
                 cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], paint, cv2.LINE_AA, shift=4)
                 return
-
-
-# -------------------------------------------------------------------- marks
-
-
-@lru_cache(maxsize=len(SYMBOLS))
-def _mark(symbol: int) -> np.ndarray:
-    """`(CANVAS, CANVAS, 2)` float32: grey level times cover, and cover, of a mark seen from the front."""
-    half = CANVAS // 2
-    plate, ink = np.zeros((CANVAS, CANVAS), np.uint8), np.zeros((CANVAS, CANVAS), np.uint8)
-    cv2.circle(plate, (half, half), half - 2, 255, -1, cv2.LINE_AA)
-    lines = [
-        np.round((np.array(line) + 1) * half).astype(np.int32) for line in list(SYMBOLS.values())[symbol]
-    ]
-    thickness = 1
-    while ink.sum() < COVER * plate.sum():  # thicker until it covers what all symbols cover
-        ink[:] = 0
-        cv2.polylines(ink, lines, False, 255, thickness, cv2.LINE_AA)
-        thickness += 1
-    cover = plate.astype(np.float32) / 255
-    stroke = ink.astype(np.float32) / 255 * cover
-    dark = PLATE - (PLATE - INK) * COVER * float(cover.sum() / stroke.sum())  # the last bit to the same mean
-    return np.dstack([PLATE * cover + (dark - PLATE) * stroke, cover])
-
-
-def _hang(image: np.ndarray, mark: np.ndarray, place: np.ndarray, side: float, angle: float) -> None:
-    """Paint a mark of diameter `side` at `place`, turned by `angle` degrees."""
-    reach = int(np.ceil(side / 2)) + 2
-    left, top = (np.round(place).astype(int) - reach).tolist()
-    right, bottom = left + 2 * reach + 1, top + 2 * reach + 1
-    middle = (CANVAS - 1) / 2
-    warp = np.asarray(cv2.getRotationMatrix2D((middle, middle), angle, FINER * side / CANVAS), np.float64)
-    # Centre of the canvas to the place, in the finer pixels of the patch.
-    warp[:, 2] += (place - np.array([left, top]) + 0.5) * FINER - 0.5 - middle
-    fine = (2 * reach + 1) * FINER
-    patch = cv2.warpAffine(mark, warp, (fine, fine), flags=cv2.INTER_LINEAR)
-    patch = cv2.resize(patch, (2 * reach + 1,) * 2, interpolation=cv2.INTER_AREA)
-    x0, y0, x1, y1 = max(left, 0), max(top, 0), min(right, image.shape[1]), min(bottom, image.shape[0])
-    if x0 >= x1 or y0 >= y1:
-        return
-    seen = patch[y0 - top : y1 - top, x0 - left : x1 - left]
-    part = image[y0:y1, x0:x1]
-    part[:] = np.clip(part * (1 - seen[:, :, 1:]) + seen[:, :, :1], 0, 255).astype(np.uint8)

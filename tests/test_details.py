@@ -6,7 +6,8 @@ import pytest
 from cv2 import INTER_AREA, TM_CCOEFF_NORMED, matchTemplate, resize
 
 from envs.banks import make_bank
-from envs.details import SYMBOLS, DetailScenes, _hang, _mark
+from envs.details import DetailScenes
+from envs.marks import SYMBOLS, hang, mark
 from envs.recognition import detail_recognition
 
 CLASSES, GROUNDS, EACH = 8, 2, 8
@@ -70,10 +71,10 @@ def test_a_symbol_at_a_place_that_does_not_decide_says_nothing():
 
 
 def test_symbols_are_equally_bright():
-    means = [_mark(i)[:, :, 0].mean() for i in range(len(SYMBOLS))]
-    covers = [_mark(i)[:, :, 1].mean() for i in range(len(SYMBOLS))]
+    means = [mark(i)[:, :, 0].mean() for i in range(len(SYMBOLS))]
+    covers = [mark(i)[:, :, 1].mean() for i in range(len(SYMBOLS))]
     assert np.ptp(means) < 0.01 and np.ptp(covers) < 1e-6
-    faces = np.stack([_mark(i)[:, :, 0] for i in range(len(SYMBOLS))])
+    faces = np.stack([mark(i)[:, :, 0] for i in range(len(SYMBOLS))])
     assert faces.max() <= 255 and faces.min() >= 0
 
 
@@ -102,7 +103,7 @@ def test_who_reads_the_right_places_decides(scenes, drawn):
     templates = []
     for symbol in range(scenes.symbols):
         blank = np.full((15, 15, 3), 128, np.uint8)
-        _hang(blank, _mark(symbol), np.array([7.0, 7.0]), scenes.mark_size, 0.0)
+        hang(blank, mark(symbol), np.array([7.0, 7.0]), scenes.mark_size, 0.0)
         templates.append(blank)
     right = []
     for label, row in enumerate(drawn):
