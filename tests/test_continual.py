@@ -60,10 +60,9 @@ def test_single_environments_and_functions_of_the_caller() -> None:
     assert len(swap.made) == 2
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_tree_recovers_from_a_new_image(seed: int) -> None:
-    env, cell, new = grid(n_envs=32, bank_seed=seed, image_size=128)
-    model = STree(env, seed=seed, growth=Growth(patience=999))
+def test_a_tree_recovers_from_a_new_image() -> None:
+    env, cell, new = grid(n_envs=32, image_size=128)
+    model = STree(env, seed=0, growth=Growth(patience=999))
     swap = ReplaceViews({12: (cell, new)})
 
     def correct() -> float:
