@@ -17,7 +17,7 @@ from runs.experiments.experiment import Experiment, Line, Lines, Table, Unit, me
 SEEDS = 10
 TILE = 8  # pixels of a cell: the view of 7 × 7 cells has 56 × 56
 EMPTY, DOOR = "MiniGrid-Empty-5x5-v0", "MiniGrid-DoorKey-5x5-v0"
-STEPS = {EMPTY: 6_000, DOOR: 16_000}
+STEPS = {EMPTY: 8_000, DOOR: 16_000}
 METHODS = {EMPTY: ("STree", "STree, history 1", "NaturePPO"), DOOR: ("STree", "NaturePPO")}
 EPISODES = 20  # played to score a policy
 LOOKS = 100  # decisions whose pixels are counted
@@ -31,7 +31,7 @@ _S_TREE: dict[str, Any] = {
     "codewords": 8,
     "gamma": 0.95,
     "epsilon": 0.5,
-    "episodes_per_phase": 8,
+    "episodes_per_phase": 3,
     "growth": {"relative_threshold": 0.05, "leaf_values": "model", "patience": None},
 }
 SETTINGS: dict[str, dict[str, Any]] = {
