@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from envs import gridworld
+from envs import grids
 
 
 class Task(NamedTuple):
@@ -27,15 +27,15 @@ class Task(NamedTuple):
 GRID = "envs.gridworld:visual_gridworld"
 
 TABLE = {
-    "VisualGridworld-4x4-v0": Task(GRID, {"map": gridworld.MAP_4X4}, 100),
-    "VisualGridworld-6x6-v0": Task(GRID, {"map": gridworld.MAP_6X6}, 150),
-    "VisualGridworld-10x10-v0": Task(GRID, {"map": gridworld.MAP_10X10}, 400),
-    "VisualGridworld-Figure8.7-v0": Task(GRID, {"map": gridworld.MAP_FIGURE_8_7}, 100),
+    "VisualGridworld-4x4-v0": Task(GRID, {"map": grids.MAP_4X4}, 100),
+    "VisualGridworld-6x6-v0": Task(GRID, {"map": grids.MAP_6X6}, 150),
+    "VisualGridworld-10x10-v0": Task(GRID, {"map": grids.MAP_10X10}, 400),
+    "VisualGridworld-Figure8.7-v0": Task(GRID, {"map": grids.MAP_FIGURE_8_7}, 100),
     "VisualGridworld-Figure8.14a-v0": Task(
-        GRID, {"map": gridworld.MAP_4X4, "share": gridworld.SHARED_FIGURE_8_14A}, 100
+        GRID, {"map": grids.MAP_4X4, "share": grids.SHARED_FIGURE_8_14A}, 100
     ),
     "VisualGridworld-Figure8.14b-v0": Task(
-        GRID, {"map": gridworld.MAP_FIGURE_8_14B, "share": gridworld.SHARED_FIGURE_8_14B}, 100
+        GRID, {"map": grids.MAP_FIGURE_8_14B, "share": grids.SHARED_FIGURE_8_14B}, 100
     ),
     "VisualGridworld-Custom-v0": Task(GRID, {}, 200),
     "CheeseMaze-v0": Task("envs.mazes:cheese_maze", {}, 100),

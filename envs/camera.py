@@ -16,58 +16,19 @@ trajectories to the bit, whatever the batch.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, get_args
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from envs.render import draw_frame
+from envs.sensors import Observe, check_replacement, spaces_of, symbols_of
 from envs.streams import Stream, Streams
 from envs.world import World
 
-Observe = Literal["pixels", "index", "symbols", "state"]
-OBSERVE = get_args(Observe)
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}
-
-
-def _spaces(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Discrete]:
-    if obs not in OBSERVE:
-        raise ValueError(f"obs must be one of {', '.join(OBSERVE)}, not {obs!r}")
-    seen: spaces.Space[Any]
-    if obs == "pixels":
-        seen = spaces.Box(0, 255, world.images.shape[1:], np.uint8)
-    elif obs == "symbols":
-        seen = spaces.MultiDiscrete(_symbols(world).max(axis=0) + 1)
-    else:
-        seen = spaces.Discrete(world.n_images if obs == "index" else world.n_states)
-    return seen, spaces.Discrete(world.n_actions)
-
-
-def _symbols(world: World) -> np.ndarray:
-    """`(N, D)` int64, what the symbolic sensor reads of each image."""
-    if world.symbols is None:
-        raise ValueError(
-            "obs='symbols' needs a world whose images have symbols; this one has none: use 'index'"
-        )
-    return world.symbols.astype(np.int64)
-
-
-def _check_replacement(old: World, new: World, obs: str) -> None:
-    """Refuse a world that would not fit what agents hold of the old one."""
-    kept = {"state_names": "states", "action_names": "actions"}
-    for name, noun in kept.items():
-        if getattr(old, name) != getattr(new, name):
-            raise ValueError(f"replace_world: the new world must have the same {noun}")
-    if _spaces(old, obs) != _spaces(new, obs):
-        raise ValueError("replace_world: the new world must have the same spaces")
-    if obs == "index" and new.images is not old.images and not np.array_equal(new.images, old.images):
-        raise ValueError(
-            "replace_world: with obs='index' the bank must stay, since agents hold it: make a world with "
-            "images to spare and use replace_view"
-        )
 
 
 def _check_render_mode(render_mode: str | None) -> None:
@@ -98,7 +59,7 @@ class CameraEnv(gym.Env[Any, Any]):
         heldout: World | None = None,
         render_mode: str | None = None,
     ) -> None:
-        self.observation_space, self.action_space = _spaces(world, obs)
+        self.observation_space, self.action_space = spaces_of(world, obs)
         _check_render_mode(render_mode)
         self.world, self.heldout_world, self.obs, self.render_mode = world, heldout, obs, render_mode
         self._prepare()
@@ -147,7 +108,7 @@ class CameraEnv(gym.Env[Any, Any]):
         Raises:
             ValueError: they are not the same, or obs is "index" and the bank is another.
         """
-        _check_replacement(self.world, world, self.obs)
+        check_replacement(self.world, world, self.obs)
         self.world, self.heldout_world = world, heldout
         self._prepare()
 
@@ -160,7 +121,7 @@ class CameraEnv(gym.Env[Any, Any]):
 
     def _prepare(self) -> None:
         """What is read of the world at every step."""
-        self._symbols = _symbols(self.world) if self.obs == "symbols" else None
+        self._symbols = symbols_of(self.world) if self.obs == "symbols" else None
 
     def _enter(self, state: int, chance: float) -> None:
         self._state = state
@@ -211,7 +172,7 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             raise ValueError(f"max_episode_steps must be at least 1, not {max_episode_steps}")
         _check_render_mode(render_mode)
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space = _spaces(world, obs)
+        self.single_observation_space, self.single_action_space = spaces_of(world, obs)
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.world, self.heldout_world, self.obs, self.render_mode = world, heldout, obs, render_mode
@@ -225,7 +186,7 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def _prepare(self) -> None:
         """The tables, one-dimensional, so that a step is a few `take`s."""
         world = self.world
-        self._symbols = _symbols(world) if self.obs == "symbols" else None
+        self._symbols = symbols_of(world) if self.obs == "symbols" else None
         self._branches = world.next_state.shape[2]
         self._next = world.next_state.ravel().astype(np.int64)
         self._reward = world.reward.ravel()
@@ -311,7 +272,7 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         Raises:
             ValueError: they are not the same, or obs is "index" and the bank is another.
         """
-        _check_replacement(self.world, world, self.obs)
+        check_replacement(self.world, world, self.obs)
         self.world, self.heldout_world = world, heldout
         self._prepare()
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from envs.banks import Size, pixels
 from envs.entry_points import Worlds
-from envs.gridworld import Rewards, grid_world
+from envs.grids import MOVES, Rewards, grid_world
 from envs.render import INK, PAPER
 from envs.world import World
 
@@ -51,8 +51,7 @@ def felt_walls(world: World) -> np.ndarray:
     free = np.zeros(np.add(world.grid_shape, 2), bool)
     rows, columns = (world.positions + 1).T
     free[rows, columns] = True
-    moves = ((-1, 0), (0, 1), (1, 0), (0, -1))
-    return np.stack([~free[rows + dr, columns + dc] for dr, dc in moves], axis=1).astype(np.int32)
+    return np.stack([~free[rows + dr, columns + dc] for dr, dc in MOVES], axis=1).astype(np.int32)
 
 
 def draw_walls(walls: np.ndarray, size: tuple[int, int]) -> np.ndarray:

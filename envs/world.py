@@ -21,6 +21,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from envs.checks import check_world, expect
+
 TOLERANCE = 1e-8
 
 
@@ -29,11 +31,6 @@ def _frozen(values: ArrayLike, dtype: type[np.generic]) -> np.ndarray:
     array = np.ascontiguousarray(values, dtype=dtype).view()
     array.flags.writeable = False
     return array
-
-
-def _expect(condition: bool | np.bool_, message: str) -> None:
-    if not condition:
-        raise ValueError(f"World: {message}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +72,7 @@ class World:
     symbols: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        _expect(
+        expect(
             np.asarray(self.images).dtype == np.uint8,
             f"images must be uint8, not {np.asarray(self.images).dtype}",
         )
@@ -97,69 +94,9 @@ class World:
             object.__setattr__(self, "positions", _frozen(self.positions, np.int64))
         if self.symbols is not None:
             kind = np.asarray(self.symbols).dtype
-            _expect(kind.kind in "iub", f"symbols must be whole numbers, not {kind}")
+            expect(kind.kind in "iub", f"symbols must be whole numbers, not {kind}")
             object.__setattr__(self, "symbols", _frozen(self.symbols, np.int32))
-        self._validate()
-
-    def _validate(self) -> None:
-        states, actions = len(self.state_names), len(self.action_names)
-        _expect(states > 0 and actions > 0, "there must be at least one state and one action")
-        _expect(
-            self.next_state.ndim == 3 and self.next_state.shape[:2] == (states, actions),
-            f"next_state must have shape ({states}, {actions}, K), not {self.next_state.shape}",
-        )
-        for name in ("probability", "reward"):
-            shape = getattr(self, name).shape
-            _expect(
-                shape == self.next_state.shape,
-                f"{name} must have next_state's shape {self.next_state.shape}, not {shape}",
-            )
-        for name in ("terminal", "start", "n_views"):
-            shape = getattr(self, name).shape
-            _expect(shape == (states,), f"{name} must have shape ({states},), not {shape}")
-        _expect(
-            self.next_state.min() >= 0 and self.next_state.max() < states,
-            f"next_state must be in 0…{states - 1}",
-        )
-        _expect(
-            (self.probability >= 0).all() and np.allclose(self.probability.sum(axis=2), 1),
-            "the probabilities of the successors of a state and an action must sum to 1",
-        )
-        _expect(bool(np.isfinite(self.reward).all()), "rewards must be finite")
-        _expect(
-            (self.start >= 0).all() and np.isclose(self.start.sum(), 1), "start probabilities must sum to 1"
-        )
-        _expect(not self.start[self.terminal].any(), "an episode cannot start in a terminal state")
-        self._validate_images(states)
-
-    def _validate_images(self, states: int) -> None:
-        _expect(
-            self.images.ndim == 4 and self.images.shape[3] == 3 and self.images.size > 0,
-            f"images must have shape (N, H, W, 3), not {self.images.shape}",
-        )
-        _expect(
-            self.views.ndim == 2 and self.views.shape[0] == states and self.views.shape[1] > 0,
-            f"views must have shape ({states}, V), not {self.views.shape}",
-        )
-        _expect(
-            self.views.min() >= 0 and self.views.max() < len(self.images),
-            f"views must be in 0…{len(self.images) - 1}, the images there are",
-        )
-        _expect(
-            (self.n_views >= 1).all() and (self.n_views <= self.views.shape[1]).all(),
-            f"n_views must be in 1…{self.views.shape[1]}",
-        )
-        if self.positions is not None:
-            _expect(
-                self.positions.shape == (states, 2),
-                f"positions must have shape ({states}, 2), not {self.positions.shape}",
-            )
-        if self.symbols is not None:
-            _expect(
-                self.symbols.ndim == 2 and len(self.symbols) == len(self.images) and self.symbols.size > 0,
-                f"symbols must have shape ({len(self.images)}, D), not {self.symbols.shape}",
-            )
-            _expect(self.symbols.min() >= 0, "symbols must not be negative")
+        check_world(self)
 
     # ---------------------------------------------------------------- sizes and names
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from test_world import random_world
 
-from envs import gridworld
+from envs import grids
 from envs.bounds import belief_bound, best_policy, memory_bound
-from envs.gridworld import REWARDS, grid_world, visual_gridworld
+from envs.grids import REWARDS, grid_world
+from envs.gridworld import visual_gridworld
 from envs.mazes import M_MAZE, cheese_maze, feeling_walls, mccallum_maze
 from envs.memory import with_memory
 from envs.world import World
@@ -16,8 +17,8 @@ from envs.world import World
 
 def aliased_grid(case: str, starts: str) -> World:
     map, share = {
-        "a": (gridworld.MAP_4X4, gridworld.SHARED_FIGURE_8_14A),
-        "b": (gridworld.MAP_FIGURE_8_14B, gridworld.SHARED_FIGURE_8_14B),
+        "a": (grids.MAP_4X4, grids.SHARED_FIGURE_8_14A),
+        "b": (grids.MAP_FIGURE_8_14B, grids.SHARED_FIGURE_8_14B),
     }[case]
     return visual_gridworld(map=map, share=share, starts=starts, image_size=16, heldout_views=0).train
 
@@ -173,7 +174,7 @@ def test_our_second_case_of_figure_8_14_needs_both_halves_of_a_pair():
 
 
 def test_our_figure_8_7_has_eleven_cells_in_eight_classes():
-    world = grid_world(gridworld.MAP_FIGURE_8_7, REWARDS["chapter8"])
+    world = grid_world(grids.MAP_FIGURE_8_7, REWARDS["chapter8"])
     values, best = world.optimal_values(0.8), world.optimal_actions(0.8)
     kinds = np.column_stack([values.max(axis=1).round(9), best])[~world.terminal]
     assert len(kinds) == 11 and len(np.unique(kinds, axis=0)) == 8

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.gridworld import MAP_4X4, MAP_6X6, MAP_10X10, REWARDS, grid_world, image_groups, parse_map
+from envs.grids import MAP_4X4, MAP_6X6, MAP_10X10, REWARDS, grid_world, parse_map
+from envs.gridworld import image_groups
 from envs.world import World
 
 
