@@ -1,0 +1,407 @@
+"""Yes-or-no questions about small windows: is the colour there above a threshold, does a patch fit there?
+
+The generalising sibling of S-Tree's codewords (thesis 8.3.2, 8.6). A codeword jumps when a view changes
+a little; a threshold, put where no percept is near it, does not. Two kinds of question:
+
+    red, green, light   the mean colour of the window at place p, above a level?
+    match               the normalised correlation of a remembered patch with the best place within
+                        `tolerance` pixels of p, above a level?
+
+Places are meant in a frame (`attn_tree.frames`). With several anchors the largest value counts.
+
+Not in the thesis. What it settles: (1) windows are read at a stride, so that a wide one costs little;
+(2) an answer near its threshold is in *doubt* while the tree grows, and counts on both sides
+(`shares`); decisions are always plain; (3) candidate patches come from the percepts of the leaf, at
+places drawn by their contrast, and at places that the tree looks at already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from attn_tree.frames import FRAMES, Frame, anchors
+from attn_tree.tree.node import Node
+from attn_tree.vision.retina import Retina
+from attn_tree.vision.window_features import (
+    CHANNELS,
+    best_match,
+    contrast,
+    cut,
+    grey_window,
+    is_flat,
+    to_grey,
+    window_colour,
+    window_colours,
+)
+from attn_tree.vocabulary import Vocabulary
+
+Kinds = Literal["colour", "match", "both"]
+KINDS = ("colour", "match", "both")
+MATCH = "match"
+# Half-widths of doubt at `doubt=1`: shares of light, a share of the level, and correlation.
+_DOUBT = {"red": 0.017, "green": 0.017, "light": 0.13, MATCH: 0.1}
+_PATH, _KNOWN = (
+    0.3,
+    0.5,
+)  # shares of the candidates that are at windows the decision has read, or the tree looks at
+
+
+class Look(NamedTuple):
+    """Is what the window at (x, y) shows above `level`?
+
+    Attributes:
+        kind: "red", "green", "light" or "match".
+        x, y: place in the frame, pixels.
+        part: side of the window in pixels; of a match, the number of the patch.
+        level: the threshold, a float32.
+    """
+
+    kind: str
+    x: int
+    y: int
+    part: int
+    level: float
+
+
+class WindowThresholds(Vocabulary):
+    """Is the colour of a window, or the fit of a patch, above a threshold?
+
+    Args:
+        kinds: "colour", "match" or "both".
+        sizes: sides of the windows whose colour is asked, even, pixels.
+        samples: values taken in along the side of such a window.
+        candidates: places and channels drawn for a leaf, each tried with `levels` thresholds.
+        matches: places and patches drawn for a leaf, likewise.
+        patch: values along the side of a patch.
+        stride: pixels between two of them; a patch covers `patch * stride` pixels.
+        tolerance: pixels that the best fit may be away from the place, along x and y; None looks in
+            the whole image, read at the stride, and then place means nothing.
+        levels: thresholds tried, evenly spread over what the percepts show.
+        doubt: how wide doubt is, 1 for the widths of this file, 0 for none.
+        frame: "image", "salient" or "keypoint".
+        anchors: b, anchors in an image (not with "image").
+        resolution: at which anchors are looked for.
+    """
+
+    def __init__(
+        self,
+        kinds: Kinds = "colour",
+        *,
+        sizes: Sequence[int] = (8, 16),
+        samples: int = 4,
+        candidates: int = 200,
+        matches: int = 60,
+        patch: int = 8,
+        stride: int = 4,
+        tolerance: int | None = 16,
+        levels: int = 15,
+        doubt: float = 0.5,
+        frame: Frame = "image",
+        anchors: int = 1,
+        resolution: float = 0.25,
+    ) -> None:
+        for name, value, allowed in (("questions", kinds, KINDS), ("frame", frame, FRAMES)):
+            if value not in allowed:
+                raise ValueError(f"{name} is {value!r}; expected {', '.join(map(repr, allowed))}")
+        if not sizes or any(size < 2 or size % 2 for size in sizes):
+            raise ValueError(f"sizes are {tuple(sizes)}; expected even sides of windows, at least 2 pixels")
+        counts = {"samples": samples, "candidates": candidates, "matches": matches, "levels": levels}
+        counts |= {"stride": stride, "anchors": anchors}
+        for name, count in counts.items():
+            if count < 1:
+                raise ValueError(f"{name} is {count}; expected at least 1")
+        if patch < 3 or (tolerance is not None and tolerance < 0) or doubt < 0:
+            raise ValueError(
+                f"patch is {patch}, tolerance {tolerance} and doubt {doubt}; expected a patch of at least 3 "
+                "values a side, a tolerance of 0 or more pixels (or None), a doubt of 0 or more"
+            )
+        if not 0 < resolution <= 1:
+            raise ValueError(f"resolution is {resolution}; expected a share of the image's size in (0, 1]")
+        if anchors > 1 and frame == "image":
+            raise ValueError(f"anchors is {anchors}, but the image frame has one; choose another frame")
+        self.kinds, self.sizes, self.samples = kinds, tuple(int(size) for size in sizes), samples
+        self.n_candidates, self.n_matches, self.levels, self.doubt = candidates, matches, levels, doubt
+        self.patch, self.stride, self.tolerance = patch, stride, tolerance
+        self.frame, self.n_anchors, self.resolution = frame, anchors, resolution
+        self.patches: dict[int, np.ndarray] = {}
+        self._next = 0
+        self._kept: dict[int, tuple[int, int]] = {}
+        self._key = "windows", self.frame, self.n_anchors, self.resolution, self.sizes, self.samples
+        self._grid = np.empty((0, 2), np.int64)
+        self._grid_of = 0, 0
+        self._columns: dict[tuple[str, int, int, int], int] = {}
+
+    @property
+    def ready(self) -> bool:
+        """There is nothing to prepare."""
+        return True
+
+    def prepare(self, images: Sequence[np.ndarray], rng: np.random.Generator) -> None:
+        """Nothing to learn beforehand."""
+
+    # Reading --------------------------------------------------------------------------
+
+    def answer(self, question: Any, percept: Retina) -> int:
+        """1 if the value is above the level, else 0."""
+        return int(self._value(question, percept) > question.level)
+
+    def answers(self, questions: Sequence[Any], percept: Retina) -> np.ndarray:
+        """The answers `(Q,)`; only for lasting percepts, whose windows are all worked out at once."""
+        return (self.values(questions, [percept])[0] > self._levels_of(questions)).astype(int)
+
+    def shares(self, questions: Sequence[Any], percepts: Sequence[Retina]) -> np.ndarray:
+        """How far the answers of lasting percepts are yes, `(P, Q)` float32 in [0, 1].
+
+        From no to yes over the width of doubt around the level; one half at the level itself.
+        """
+        values, levels = self.values(questions, percepts), self._levels_of(questions)
+        if self.doubt == 0:
+            return (values > levels).astype(np.float32)
+        widths = np.array([_DOUBT[question.kind] for question in questions], np.float32) * self.doubt
+        widths *= np.where([question.kind == "light" for question in questions], levels, np.float32(1))
+        return np.clip(0.5 + (values - levels) / (2 * widths), 0, 1, dtype=np.float32)
+
+    def values(self, questions: Sequence[Any], percepts: Sequence[Retina]) -> np.ndarray:
+        """What lasting percepts show, `(P, Q)` float32; each value is what a cold look would read."""
+        found = np.empty((len(percepts), len(questions)), np.float32)
+        coloured = np.array([i for i, question in enumerate(questions) if question.kind != MATCH], np.int64)
+        if len(coloured):
+            wanted, back = np.unique(
+                [self._column(questions[i], percepts[0]) for i in coloured], return_inverse=True
+            )
+            shown = np.array([self._map(percept)[wanted] for percept in percepts])
+            found[:, coloured] = shown[:, back]
+        once: dict[Any, np.ndarray] = {}  # several thresholds on one match
+        for i, question in enumerate(questions):
+            if question.kind == MATCH:
+                key = question[1:4]
+                if key not in once:
+                    once[key] = np.array([self._fit(question, percept, True) for percept in percepts])
+                found[:, i] = once[key]
+        return found
+
+    @staticmethod
+    def _levels_of(questions: Sequence[Any]) -> np.ndarray:
+        return np.array([question.level for question in questions], np.float32)
+
+    def _value(self, question: Any, percept: Retina) -> np.float32:
+        if question.kind == MATCH:
+            return np.float32(self._fit(question, percept, self._key in percept.computed))
+        if self._key in percept.computed and (column := self._column(question, percept)) >= 0:
+            return percept.computed[self._key][column]
+        channel = CHANNELS.index(question.kind)
+        shown = [
+            window_colour(percept, place, question.part, self.samples)[channel]
+            for place in self._places(question, percept)
+        ]
+        return max(shown)
+
+    def _places(self, question: Any, percept: Retina) -> list[tuple[int, int]]:
+        offset = np.array([[question.x, question.y]])
+        found = anchors(percept, self.frame, self.n_anchors, self.resolution)
+        return [(int(x), int(y)) for anchor in found for x, y in anchor.places(offset)]
+
+    def _fit(self, question: Any, percept: Retina, lasting: bool) -> float:
+        """The best fit of a patch; a lasting percept keeps its grey image, a cold one its windows."""
+        patch, best = self.patches[question.part], -1.0
+        for place in self._places(question, percept):
+            if lasting:
+                window = cut(_grey(percept), place, self._reach(percept), self.stride)
+            else:
+                window = grey_window(percept, place, self._reach(percept), self.stride)
+                percept.count(macs=(window.size - patch.size) * patch.size)
+            best = max(best, best_match(window, patch))
+        return best
+
+    def _reach(self, percept: Retina) -> int:
+        """Side of the window that a patch is looked for in, pixels."""
+        if self.tolerance is None:
+            return 2 * max(percept.width, percept.height)
+        return self.patch * self.stride + 2 * self.tolerance
+
+    # All windows of a lasting percept ---------------------------------------------------
+
+    def _offsets(self, percept: Retina) -> np.ndarray:
+        """`(G, 2)` int, the places in the frame that are asked about."""
+        size = percept.width, percept.height
+        if self._grid_of != size:
+            step, half = max(2, max(size) // 26), min(self.sizes) // 2
+            axes = [
+                np.arange(half, side - half + 1, step)
+                if self.frame == "image"
+                else np.arange(-(side // 2), side // 2 + 1, step)
+                for side in size
+            ]
+            self._grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+            self._grid_of = size
+            self._columns = {
+                (channel, int(x), int(y), part): number
+                for number, (part, (x, y), channel) in enumerate(product(self.sizes, self._grid, CHANNELS))
+            }
+        return self._grid
+
+    def _map(self, percept: Retina) -> np.ndarray:
+        """Colours of all windows, flat, in the order of sizes, places and channels."""
+        if self._key not in percept.computed:
+            offsets, image = self._offsets(percept), percept.whole()
+            found = [
+                np.stack(
+                    [window_colours(image, anchor.places(offsets), size, self.samples) for size in self.sizes]
+                )
+                for anchor in anchors(percept, self.frame, self.n_anchors, self.resolution)
+            ]
+            percept.computed[self._key] = np.max(found, axis=0).ravel()
+        return percept.computed[self._key]
+
+    def _column(self, question: Any, percept: Retina) -> int:
+        """Where in `_map` a question looks; -1 if nowhere."""
+        self._offsets(percept)
+        return self._columns.get(question[:4], -1)
+
+    # Candidates -------------------------------------------------------------------------
+
+    def candidates(
+        self, leaf: Node, percepts: Sequence[Retina], rng: np.random.Generator, attempt: int
+    ) -> list[Look]:
+        """Thresholds on colours and on matches of windows drawn at random; others at each attempt."""
+        found: list[Look] = []
+        path = [question for question in leaf.path_questions() if isinstance(question, Look)]
+        if self.kinds != "match":
+            found += self._colours(path, percepts, rng)
+        if self.kinds != "colour":
+            found += self._matches(path, percepts, rng)
+        asked = set(path)
+        return [question for question in found if question not in asked]
+
+    def _colours(self, path: list[Look], percepts: Sequence[Retina], rng: np.random.Generator) -> list[Look]:
+        offsets = self._offsets(percepts[0])
+        # What the decision has read already costs nothing more.
+        windows = list(dict.fromkeys(q[1:4] for q in path if q.kind != MATCH))
+        windows = [windows[i] for i in rng.permutation(len(windows))[: int(_PATH * self.n_candidates / 3)]]
+        drawn = [(*window, channel) for window in windows for channel in CHANNELS]
+        while len(drawn) < self.n_candidates:
+            x, y = offsets[rng.integers(len(offsets))]
+            size = self.sizes[rng.integers(len(self.sizes))]
+            drawn.append((int(x), int(y), size, CHANNELS[rng.integers(len(CHANNELS))]))
+        looks = [Look(channel, x, y, size, 0.0) for x, y, size, channel in dict.fromkeys(drawn)]
+        return self._with_levels(looks, self.values(looks, percepts))
+
+    def _matches(self, path: list[Look], percepts: Sequence[Retina], rng: np.random.Generator) -> list[Look]:
+        looks: list[Look] = []
+        known = [(q.x, q.y) for q in path if q.kind == MATCH] + list(self._kept.values())
+        for _ in range(self.n_matches):
+            source = percepts[int(rng.integers(len(percepts)))]
+            anchor = anchors(source, self.frame, self.n_anchors, self.resolution)[0]
+            if known and rng.random() < _KNOWN:
+                x, y = known[int(rng.integers(len(known)))]
+            else:
+                x, y = self._attractive(source, rng)
+            place = anchor.places(np.array([[x, y]]))[0]
+            patch = cut(_grey(source), tuple(place), self.patch * self.stride, self.stride)
+            if patch.shape != (self.patch, self.patch) or is_flat(patch):
+                continue
+            self.patches[self._next] = patch
+            looks.append(Look(MATCH, int(x), int(y), self._next, 0.0))
+            self._next += 1
+        return self._with_levels(looks, self.values(looks, percepts))
+
+    def _attractive(self, source: Retina, rng: np.random.Generator) -> tuple[int, int]:
+        """A place of the frame, drawn by the contrast that a percept has there."""
+        key = ("attractive", self._key, self.patch, self.stride)
+        if key not in source.computed:
+            weights = contrast(_grey(source), self.patch * self.stride)
+            half = self.patch * self.stride // 2
+            sides = source.width, source.height
+            if self.frame == "image":
+                axes = [np.arange(min(half, n // 2), max(n - half, n // 2 + 1), self.stride) for n in sides]
+                grid = places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+            else:
+                grid = self._offsets(source)
+                anchor = anchors(source, self.frame, self.n_anchors, self.resolution)[0]
+                places = np.clip(anchor.places(grid), 0, np.subtract(sides, 1))
+            cumulative = weights[places[:, 1], places[:, 0]].astype(np.float64).cumsum()
+            source.computed[key] = grid, cumulative
+        grid, cumulative = source.computed[key]
+        x, y = grid[min(int(np.searchsorted(cumulative, rng.random() * cumulative[-1])), len(grid) - 1)]
+        return int(x), int(y)
+
+    def _with_levels(self, looks: list[Look], values: np.ndarray) -> list[Look]:
+        """Each look with thresholds spread over the values `(P, Q)` met."""
+        found: list[Look] = []
+        for look, low, high in zip(looks, values.min(axis=0), values.max(axis=0), strict=True):
+            if high > low:
+                levels = np.linspace(low, high, self.levels + 2, dtype=np.float32)[1:-1]
+                found += [look._replace(level=float(level)) for level in levels]
+        return found
+
+    def keep(self, question: Any) -> None:
+        """Remember the patch of a question that is asked from now on, forget the others drawn for it."""
+        if question.kind == MATCH:
+            self._kept[question.part] = question.x, question.y
+        self.patches = {number: patch for number, patch in self.patches.items() if number in self._kept}
+
+    # Files and drawings -----------------------------------------------------------------
+
+    def question_from_json(self, value: Any) -> Look:
+        """A question from its five values.
+
+        Raises:
+            ValueError: no such question.
+        """
+        kind, x, y, part, level = value
+        if kind not in (*CHANNELS, MATCH):
+            raise ValueError(f"{kind!r} is nothing that a window is asked for")
+        return Look(str(kind), int(x), int(y), int(part), float(np.float32(level)))
+
+    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """The patches."""
+        numbers = sorted(self._kept)
+        if not numbers:
+            return {}, {}
+        places = np.array([self._kept[number] for number in numbers], np.int64)
+        patches = np.stack([self.patches[number] for number in numbers])
+        return {}, {"numbers": np.array(numbers, np.int64), "places": places, "patches": patches}
+
+    def restore(self, state: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        """Take back the patches."""
+        if "patches" not in arrays:
+            return
+        numbers, patches = np.asarray(arrays["numbers"], np.int64), np.asarray(arrays["patches"], np.uint8)
+        places = np.asarray(arrays["places"], np.int64)
+        if patches.shape != (len(numbers), self.patch, self.patch) or places.shape != (len(numbers), 2):
+            raise ValueError(f"patches of shape {patches.shape} do not fit patches of side {self.patch}")
+        self.patches = {int(number): patch for number, patch in zip(numbers, patches, strict=True)}
+        self._kept = {int(n): (int(x), int(y)) for n, (x, y) in zip(numbers, places, strict=True)}
+        self._next = int(numbers.max(initial=-1)) + 1
+
+    def describe(self, question: Any) -> str:
+        """What is asked, where, and the level."""
+        if question.kind == MATCH:
+            return f"patch {question.part} near ({question.x}, {question.y}) > {question.level:.2f}"
+        return f"{question.kind} at ({question.x}, {question.y}) > {question.level:.3g}"
+
+    def describe_answer(self, question: Any, answer: int) -> str:
+        """Yes or no."""
+        return "yes" if answer else "no"
+
+    def picture(self, question: Any, percepts: Sequence[Retina]) -> np.ndarray | None:
+        """The patch that is looked for; of a colour, the mean of the percepts in a wider window."""
+        if question.kind == MATCH:
+            return self.patches[question.part]
+        if not percepts:
+            return None
+        place = self._places(question, percepts[0])[0]
+        return np.mean([percept.window(place, 3 * question.part) for percept in percepts], axis=0).astype(
+            np.uint8
+        )
+
+
+def _grey(percept: Retina) -> np.ndarray:
+    """The whole image in grey, for learning."""
+    if "grey" not in percept.computed:
+        percept.computed["grey"] = to_grey(percept.whole())
+    return percept.computed["grey"]
