@@ -14,6 +14,11 @@ OBSERVE = get_args(Observe)
 
 
 def spaces_of(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Discrete]:
+    """Spaces of the observations and of the actions.
+
+    Raises:
+        ValueError: `obs` is unknown, or "symbols" of a world that has none.
+    """
     if obs not in OBSERVE:
         raise ValueError(f"obs must be one of {', '.join(OBSERVE)}, not {obs!r}")
     seen: spaces.Space[Any]
@@ -36,7 +41,11 @@ def symbols_of(world: World) -> np.ndarray:
 
 
 def check_replacement(old: World, new: World, obs: str) -> None:
-    """Refuse a world that would not fit what agents hold of the old one."""
+    """Refuse a world that would not fit what agents hold of the old one.
+
+    Raises:
+        ValueError: other states, actions or spaces, or another bank where agents hold it.
+    """
     kept = {"state_names": "states", "action_names": "actions"}
     for name, noun in kept.items():
         if getattr(old, name) != getattr(new, name):
