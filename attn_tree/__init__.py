@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from attn_tree.q_learning import TableLearner
     from attn_tree.rlvc import RLVC
     from attn_tree.s_tree import STree
+    from attn_tree.u_tree import UTree
 
-__all__ = ["RLVC", "Growth", "QuasiStaticLearner", "STree", "TableLearner"]
+__all__ = ["RLVC", "Growth", "QuasiStaticLearner", "STree", "TableLearner", "UTree"]
 
 _MODULES = {
     "Growth": "growth",
@@ -22,6 +23,7 @@ _MODULES = {
     "RLVC": "rlvc",
     "STree": "s_tree",
     "TableLearner": "q_learning",
+    "UTree": "u_tree",
 }
 
 

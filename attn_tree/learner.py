@@ -252,14 +252,18 @@ class QuasiStaticLearner(TableLearner):
         if best is None:
             self._unsplittable[row] = known
             return False
-        question, answers = best
+        self._grow(leaf, *best, held)
+        return True
+
+    def _grow(self, leaf: Node, question: Question, answers: np.ndarray, held: LeafMemory) -> None:
+        """Ask `question` at a leaf, whose percepts answer `(P,)`; new leaves inherit its values."""
+        row = leaf.row
         visits = {int(a): int(held.visits[answers == a].sum()) for a in np.unique(answers)}
         children = self.grown_tree.split(leaf, question, visits)
         inherited = np.repeat(self.values[row][None], len(children), axis=0)
         self.values = np.concatenate([self.values, inherited])
         self._unsplittable.pop(row, None)
         self._row_of[self._row_of == row] = -1
-        return True
 
     def _prepare(self, memory: Transitions) -> None:
         """Give the vocabulary images to learn its words from: of the bank, else of those met so far."""

@@ -7,7 +7,7 @@ every transition, the evidence that each leaf has, and whether Q agrees with it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -127,11 +127,9 @@ def best_question(
         if not questions:
             return None
         answers = np.array([vocabulary.answers(questions, percept) for percept in percepts])
-        allowed = _with_room(answers, leaf, growth)
-        best = _choose(evidence, answers[:, allowed], growth)
+        best = split_for(leaf, evidence, answers, growth)
         if best is not None:
-            question = int(allowed[best.question])
-            return questions[question], answers[:, question]
+            return questions[best.question], answers[:, best.question]
     return None
 
 
@@ -143,8 +141,10 @@ def _with_room(answers: np.ndarray, leaf: Node, growth: Growth) -> np.ndarray:
     return np.array([q for q, column in enumerate(answers.T) if len(np.unique(column)) <= room], np.int64)
 
 
-def _choose(evidence: Evidence, answers: np.ndarray, growth: Growth) -> Split | None:
-    """The best question by the criterion asked for, looking ahead where no single one helps."""
+def split_for(leaf: Node, evidence: Evidence, answers: np.ndarray, growth: Growth) -> Split | None:
+    """The best of the questions with answers `(P, Q)`, or None: by the criterion asked for, looking
+    ahead where no single one helps, within the leaves that the tree may have."""
+    allowed = _with_room(answers, leaf, growth)
 
     def choose(evidence: Evidence, answers: np.ndarray, tests: int) -> Split | None:
         # Of many choices made at once each must be the surer.
@@ -157,4 +157,5 @@ def _choose(evidence: Evidence, answers: np.ndarray, growth: Growth) -> Split | 
             evidence, answers, significance=significance, cross_validated=growth.cross_validated
         )
 
-    return fringe_split(evidence, answers, growth.fringe, choose)
+    found = fringe_split(evidence, answers[:, allowed], growth.fringe, choose)
+    return None if found is None else replace(found, question=int(allowed[found.question]))

@@ -1,0 +1,95 @@
+"""U-Tree: the ancestor of all attention trees, over vectors (thesis 3.3).
+
+McCallum's U-Tree (1996) asks for the value of a symbolic dimension, now or some steps back, and
+so finds the memory that a world with hidden state calls for. Uther & Veloso's (1998) asks whether
+a continuous dimension lies above a threshold. Both are this class: what is asked follows from the
+observations, how questions are compared from `criterion`.
+
+Deviations: (1) as in `learner`, `dimension_questions` and `tree.fringe`; (2) leaf values are solved
+from memory (prioritised sweeping in McCallum) rather than learned by single updates; (3) beside the
+variance of the thesis and McCallum's test there is the "utility" of acting differently; (4) with
+`cautious` growth one split is made at a time and *tried*: see `attn_tree.cautious`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Literal
+
+from stable_baselines3.common.type_aliases import GymEnv
+
+from attn_tree.cautious import CautiousLearner
+from attn_tree.dimension_questions import DimensionVocabulary, RecalledVocabulary
+from attn_tree.growth import Growth
+from attn_tree.history import Of
+from attn_tree.joint import JointVocabulary
+from attn_tree.percepts import Percepts
+from attn_tree.vocabulary import Vocabulary
+
+Criterion = Literal["variance", "kolmogorov", "utility"]
+
+# What U-Tree grows by unless told: leaves are split on evidence, and their values solved.
+_GROWTH = Growth(significance=0.01, leaf_values="model", retries=0, fringe=2, patience=4)
+
+
+class UTree(CautiousLearner):
+    """U-Tree over vectors of symbols or numbers.
+
+    Args:
+        env: as for `QuasiStaticLearner`; observations are `Discrete`, `MultiDiscrete`, `MultiBinary`
+            or a `Box` of shape `(D,)`. Whole numbers are symbols, others are cut by thresholds.
+        criterion: "variance" of Δ (Uther & Veloso; the thesis), "kolmogorov" (McCallum) or
+            "utility"; that of `growth` if None.
+        thresholds: most cuts tried of one continuous dimension.
+        fringe: questions looked at together where fewer do not help; that of `growth` if None.
+        history: steps back that may be asked about.
+        history_of: beside the dimensions then, the "action", "state" or "pair" of an earlier step.
+        names: of the dimensions, for drawings.
+        growth: as for `QuasiStaticLearner`; unless given, splits must be significant at 0.01 and leaf
+            values are solved from memory.
+        **settings: those of `CautiousLearner`, `QuasiStaticLearner` and `TableLearner`.
+    """
+
+    def __init__(
+        self,
+        env: GymEnv | str | None,
+        *,
+        criterion: Criterion | None = None,
+        thresholds: int = 15,
+        fringe: int | None = None,
+        history: int = 0,
+        history_of: Of = "action",
+        names: list[str] | tuple[str, ...] = (),
+        growth: Growth | dict[str, Any] | None = None,
+        **settings: Any,
+    ) -> None:
+        growth = Growth(**growth) if isinstance(growth, dict) else growth or _GROWTH
+        growth = replace(
+            growth,
+            criterion=growth.criterion if criterion is None else criterion,
+            fringe=growth.fringe if fringe is None else fringe,
+        )
+        self.dimensions = DimensionVocabulary(thresholds, names)
+        vocabulary: Vocabulary = self.dimensions
+        if history > 0:
+            vocabulary = JointVocabulary(
+                {"now": self.dimensions, "before": RecalledVocabulary(self.dimensions, history)}
+            )
+        super().__init__(env, vocabulary, growth=growth, history=history, history_of=history_of, **settings)
+
+    def _make_percepts(self) -> Percepts:
+        found = super()._make_percepts()
+        self.dimensions.look_at(self.observation_space)
+        return found
+
+    def _refine(self) -> None:
+        # Evidence grows even where no new percept is met, and what was chance may become certain.
+        self._unsplittable.clear()
+        super()._refine()
+
+    def _subject(self, question: Any) -> Any:
+        return getattr(question, "dimension", question)
+
+    def _settings(self) -> dict[str, Any]:
+        words = self.dimensions
+        return {**super()._settings(), "thresholds": words.thresholds, "names": list(words.names)}
