@@ -30,7 +30,7 @@ _S_TREE: dict[str, Any] = {
     "candidates": 16,
     "codewords": 8,
     "gamma": 0.95,
-    "epsilon": 0.5,
+    "epsilon": 0.9,
     "episodes_per_phase": 3,
     "growth": {"relative_threshold": 0.05, "leaf_values": "model", "patience": None},
 }
@@ -41,13 +41,12 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-def _units() -> list[Unit]:
+def _units(env: str) -> list[Unit]:
     return [
         Unit(
             f"{env.split('-')[1]}-{method.replace(', ', '-').replace(' ', '')}-{seed}",
-            {"env": env, "steps": steps, "method": method, "seed": seed, **SETTINGS[method]},
+            {"env": env, "steps": STEPS[env], "method": method, "seed": seed, **SETTINGS[method]},
         )
-        for env, steps in STEPS.items()
         for method in METHODS[env]
         for seed in range(1, SEEDS + 1)
     ]
@@ -154,21 +153,38 @@ def score(lines: Sequence[Line]) -> list[Table]:
     return [Table([*head, "pixels", "seeds below 90%"], rows, caption)]
 
 
+_DEVIATIONS = (
+    "Observations are MiniGrid's partial views in RGB, 8 pixels a cell, with all seven actions.",
+    "Rewards fall with time (1 − 0.9 t / limit), which no percept tells; deviations of Δ of 5% of the "
+    "range of rewards are not aliasing.",
+)
+
 EXPERIMENTS = [
     Experiment(
-        name="minigrid",
+        name="minigrid-empty",
         chapter=8,
-        title="S-Tree in MiniGrid",
+        title="S-Tree in MiniGrid's empty room",
         section="beyond the thesis",
         claim="Nothing in the thesis; what S-Tree reaches in an environment nobody here wrote.",
-        units=_units(),
+        units=_units(EMPTY),
+        compute=compute,
+        score=score,
+        deviations=_DEVIATIONS,
+        cpu_minutes=14,
+    ),
+    Experiment(
+        name="minigrid-door",
+        chapter=8,
+        title="S-Tree in MiniGrid's room with a locked door",
+        section="beyond the thesis",
+        claim="Nothing in the thesis; a sparse reward, behind a key and a door that change their places.",
+        units=_units(DOOR),
         compute=compute,
         score=score,
         deviations=(
-            "Observations are MiniGrid's partial views in RGB, 8 pixels a cell, with all seven actions.",
-            "Rewards fall with time (1 − 0.9 t / limit), which no percept tells; deviations of Δ of 5% of "
-            "the range of rewards are not aliasing.",
+            *_DEVIATIONS,
+            "Acting at random reaches the goal in 8% of the episodes, once in about 3000 steps.",
         ),
-        cpu_minutes=26,
-    )
+        cpu_minutes=21,
+    ),
 ]
