@@ -168,7 +168,7 @@ class CautiousLearner(QuasiStaticLearner):
         questions = self.vocabulary.candidates(leaf, percepts, self.rng, 0)
         if not questions:
             return []
-        answers = np.array([self.vocabulary.answers(questions, percept) for percept in percepts])
+        answers = self.vocabulary.answer_table(questions, percepts)
         about: dict[Any, list[int]] = {}
         for position, question in enumerate(questions):
             about.setdefault(self._subject(question), []).append(position)

@@ -19,7 +19,7 @@ import numpy as np
 from gymnasium import spaces
 
 from attn_tree.history import NULL, Moment
-from attn_tree.tree.node import Node
+from attn_tree.tree.node import Node, Tree
 from attn_tree.vision.gauge import Gauge
 from attn_tree.vocabulary import Vocabulary
 
@@ -106,14 +106,34 @@ class DimensionVocabulary(Vocabulary):
 
     def answers(self, questions: Sequence[Any], percept: Any) -> np.ndarray:
         """The answers `(Q,)`, from one reading of all values."""
-        values = _values(percept)
-        return np.array(
-            [
-                values[q.dimension] > q.level if isinstance(q, Above) else _number(round(values[q.dimension]))
-                for q in questions
-            ],
-            np.int64,
+        return self.answer_table(questions, [percept])[0]
+
+    def answer_table(self, questions: Sequence[Any], percepts: Sequence[Any]) -> np.ndarray:
+        """The answers `(P, Q)`, from one reading of all values of each percept."""
+        values = np.array([_values(gauge) for gauge in percepts])
+        asked = values[:, [question.dimension for question in questions]]
+        levels = np.array(
+            [question.level if isinstance(question, Above) else np.nan for question in questions]
         )
+        symbols = np.isnan(levels)
+        found = (asked > levels).astype(np.int64)
+        whole = np.rint(asked[:, symbols]).astype(np.int64)
+        found[:, symbols] = np.where(whole >= 0, 2 * whole, -2 * whole - 1)
+        return found
+
+    def route(self, tree: Tree, percepts: Sequence[Any]) -> np.ndarray:
+        """The rows `(n,)` of the leaves that lasting percepts fall in, all at once."""
+        rows = np.empty(len(percepts), np.int64)
+        waiting = [(tree.root, np.arange(len(percepts)))]
+        while waiting:
+            node, members = waiting.pop()
+            if node.question is None:
+                rows[members] = node.row
+                continue
+            answers = self.answer_table([node.question], [percepts[i] for i in members])[:, 0]
+            for answer in np.unique(answers):
+                waiting.append((node.child_for(int(answer), self.nearest), members[answers == answer]))
+        return rows
 
     def question_from_json(self, value: Any) -> Asked:
         """A question of a file.

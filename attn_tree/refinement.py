@@ -126,7 +126,7 @@ def best_question(
         questions = vocabulary.candidates(leaf, percepts, rng, attempt)
         if not questions:
             return None
-        answers = np.array([vocabulary.answers(questions, percept) for percept in percepts])
+        answers = vocabulary.answer_table(questions, percepts)
         best = split_for(leaf, evidence, answers, growth)
         if best is not None:
             return questions[best.question], answers[:, best.question]

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Literal
 
+import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.cautious import CautiousLearner
@@ -30,6 +31,9 @@ Criterion = Literal["variance", "kolmogorov", "utility"]
 
 # What U-Tree grows by unless told: leaves are split on evidence, and their values solved.
 _GROWTH = Growth(significance=0.01, leaf_values="model", retries=0, fringe=2, patience=4)
+
+# Percepts from which on their leaves are found together.
+_MANY = 64
 
 
 class UTree(CautiousLearner):
@@ -81,6 +85,20 @@ class UTree(CautiousLearner):
         found = super()._make_percepts()
         self.dimensions.look_at(self.observation_space)
         return found
+
+    def _rows(self, percepts: np.ndarray) -> np.ndarray:
+        if len(percepts) >= _MANY and not self.history:
+            # Many at once, as when memory is seen through another tree.
+            met = np.unique(percepts)
+            known = met < len(self._row_of)
+            unknown = np.concatenate([met[known][self._row_of[met[known]] < 0], met[~known]])
+            if len(unknown):
+                self._row_of = np.append(
+                    self._row_of, np.full(max(unknown[-1] + 1 - len(self._row_of), 0), -1)
+                )
+                lasting = [self._percepts.percept(int(percept)) for percept in unknown]
+                self._row_of[unknown] = self.dimensions.route(self.grown_tree, lasting)
+        return super()._rows(percepts)
 
     def _refine(self) -> None:
         # Evidence grows even where no new percept is met, and what was chance may become certain.

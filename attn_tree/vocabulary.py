@@ -53,6 +53,10 @@ class Vocabulary(ABC):
         """The answers `(Q,)` to several questions about one percept."""
         return np.array([self.answer(question, percept) for question in questions])
 
+    def answer_table(self, questions: Sequence[Question], percepts: Sequence[Any]) -> np.ndarray:
+        """The answers `(P, Q)` to several questions about several lasting percepts."""
+        return np.array([self.answers(questions, percept) for percept in percepts])
+
     def nearest(self, question: Question, answer: int, seen: Sequence[int]) -> int | None:
         """Of the answers seen under a node, the one nearest to an unseen one; None if none is near."""
         return None
