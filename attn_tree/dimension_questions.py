@@ -130,7 +130,7 @@ class DimensionVocabulary(Vocabulary):
             if node.question is None:
                 rows[members] = node.row
                 continue
-            answers = self.answer_table([node.question], [percepts[i] for i in members])[:, 0]
+            answers = self.answer_table([node.question], [percepts[i] for i in members.tolist()])[:, 0]
             for answer in np.unique(answers):
                 waiting.append((node.child_for(int(answer), self.nearest), members[answers == answer]))
         return rows

@@ -205,6 +205,11 @@ class QuasiStaticLearner(TableLearner):
             self._refine()
         self._remembering = not self._remembering
 
+    def _setup_learn(self, *args: Any, **settings: Any) -> Any:
+        # Asked to learn more, a learner that had nothing left to learn looks again.
+        self._quiet_phases = 0
+        return super()._setup_learn(*args, **settings)
+
     def _finished(self) -> bool:
         return self.solved
 
@@ -227,7 +232,9 @@ class QuasiStaticLearner(TableLearner):
                 self.aliased += self._split(leaf, held)
         self.delta_variance = float(np.mean(variances))
         self.phase += 1
-        self._quiet_phases = self._quiet_phases + 1 if self.aliased == 0 and settled else 0
+        # Before any reward has differed from another there is nothing that could be aliased.
+        quiet = self.aliased == 0 and settled and seen.spread > 0
+        self._quiet_phases = self._quiet_phases + 1 if quiet else 0
         self._forget(memory)
         self.version += 1
         self._log_phase()
@@ -387,7 +394,7 @@ class QuasiStaticLearner(TableLearner):
         self.phase = int(meta["phase"])
         self.vocabulary.restore(meta["vocabulary"], _with_prefix(arrays, "vocabulary_"))
         self.grown_tree = Tree.from_json(meta["grown_tree"], self.vocabulary.question_from_json)
-        if isinstance(self._percepts, WindowPercepts):
+        if isinstance(self._percepts, WindowPercepts) and "windows" in arrays:
             self._percepts.restore(arrays["windows"])
         tree = Tree.from_json(meta["tree"], self.vocabulary.question_from_json)
         decisions = np.asarray(arrays["decision_values"], np.float64)

@@ -22,9 +22,10 @@ from stable_baselines3.common.type_aliases import GymEnv
 from attn_tree.cautious import CautiousLearner
 from attn_tree.dimension_questions import DimensionVocabulary, RecalledVocabulary
 from attn_tree.growth import Growth
-from attn_tree.history import Of
+from attn_tree.history import Moment, Of
 from attn_tree.joint import JointVocabulary
 from attn_tree.percepts import Percepts
+from attn_tree.vision.gauge import Gauge
 from attn_tree.vocabulary import Vocabulary
 
 Criterion = Literal["variance", "kolmogorov", "utility"]
@@ -108,6 +109,35 @@ class UTree(CautiousLearner):
     def _subject(self, question: Any) -> Any:
         return getattr(question, "dimension", question)
 
+    def symbol_actions(self, windows: np.ndarray, symbols: np.ndarray) -> np.ndarray:
+        """Greedy actions `(n,)` for windows over a table of symbols: a policy with memory, scored exactly.
+
+        Args:
+            windows: `(n, 2 · history + 1)` int: row of `symbols`, action before, row before, …; -1 for Null.
+            symbols: `(N, D)` observations.
+
+        Raises:
+            ValueError: windows do not fit the history.
+        """
+        if windows.ndim != 2 or windows.shape[1] != 2 * self.history + 1:
+            raise ValueError(f"windows of shape {windows.shape} do not fit a history of {self.history}")
+        tree, values = self.policy.decision_tree, self.policy.decision_values
+        actions = np.empty(len(windows), np.int64)
+        for i, (now, *earlier) in enumerate(windows.tolist()):
+            percept: Any = Gauge(symbols[now])
+            if self.history:
+                percept = _moment(now, earlier, symbols)
+            actions[i] = values[self.leaf_in(tree, percept).row].argmax()
+        return actions
+
     def _settings(self) -> dict[str, Any]:
         words = self.dimensions
         return {**super()._settings(), "thresholds": words.thresholds, "names": list(words.names)}
+
+
+def _moment(now: int, earlier: list[int], symbols: np.ndarray) -> Moment:
+    """The moment that a window describes."""
+    sight = Gauge(symbols[now])
+    if not earlier or earlier[1] < 0:
+        return Moment(sight)
+    return Moment(sight, _moment(earlier[1], earlier[2:], symbols), earlier[0])
