@@ -185,7 +185,7 @@ def _experiments(suffix: str, bank: str) -> list[Experiment]:
             chapter=8,
             title=f"Cells that share an image ({kind})",
             section="8.4.1, figures 8.8 and 8.9",
-            claim="Fewer distinct objects, fewer states and less depth; two objects, two leaves; all optimal.",
+            claim="Fewer distinct objects, fewer states and less depth; two objects, two leaves; optimal.",
             units=_units(FOUR, bank, ("STree", "RLVC"), shared, STEPS, PHASE),
             compute=compute,
             score=score_conditions,

@@ -135,7 +135,7 @@ EXPERIMENTS = [
         deviations=(
             "The second grid is lost: ours has its nine cells.",
             "The thesis's drawing asks for the previous action alone. In the first grid an optimal policy "
-            "over it exists where episodes begin outside the shared image (repeat it); in our second none does.",
+            "over it exists if episodes begin outside the shared image (repeat it); in our second none does.",
             "'unshared' episodes begin outside the cells that share an image; where they begin anywhere the "
             "first move in such a cell has no history to ask.",
             "The bound is that of deterministic policies over windows of that depth; 'any memory' is the "
