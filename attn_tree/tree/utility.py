@@ -30,7 +30,9 @@ def most_useful(
     Args:
         evidence: of the leaf, with P distinct percepts.
         answers: `(P, Q)` answers of the percepts to Q candidate questions.
-        significance: chance, over all questions, that a gain is luck; None asks for none.
+        significance: one-sided level of the bound below which a gain is not believed, of each question
+            by itself: neighbouring cuts are nearly one question, so counting them would ask too much.
+            None believes the estimates.
         least: transitions that an answer must hold of each action to be judged.
 
     Returns:
@@ -58,7 +60,7 @@ def most_useful(
     error = np.maximum(square - mean**2, 0) / np.maximum(n - 1, 1)
     whole = n[0].sum(axis=0)
     own = int(np.argmax(np.where(whole > 0, (n[0] * mean[0]).sum(axis=0) / np.maximum(whole, 1), -np.inf)))
-    z = 0.0 if significance is None else -float(ndtri(significance / (n_questions * (n_actions - 1))))
+    z = 0.0 if significance is None else -float(ndtri(significance))
     better = mean - mean[:, :, [own]] - z * np.sqrt(error + error[:, :, [own]])
     judged = (n >= least) & (n[:, :, [own]] >= least)
     better = np.where(judged, better, 0.0)
