@@ -3,18 +3,33 @@
 Each percept of an environment stands for itself and for a number of slightly shifted, turned, scaled
 and relit copies (`attn_tree.vision.jitter`), drawn once and for all. What was earned in the percept is
 taken to be earned in its copies too. They are for learning alone; no decision sees one.
+
+`Rehearsing` gives such memories to any learner of trees, and with them what learning to name many
+classes needs: refining again and again within a phase, and a criterion that adds up all actions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from stable_baselines3.common.type_aliases import GymEnv
 
+from attn_tree.growth import Growth
+from attn_tree.learner import QuasiStaticLearner
+from attn_tree.memory import Transitions
 from attn_tree.percepts import Percepts
-from attn_tree.vision.jitter import Jitter, jitter
+from attn_tree.tree.criterion import Evidence
+from attn_tree.tree.node import Node, Question, Tree
+from attn_tree.tree.pruning import prune
+from attn_tree.tree.splitter import Summed, best_summed_split
+from attn_tree.vision.jitter import SMALL, Jitter, jitter
 from attn_tree.vision.retina import Retina
+
+# Percepts that judge the questions of one leaf, at most.
+_JUDGES = 1500
 
 
 class VariedPercepts:
@@ -73,3 +88,130 @@ class VariedPercepts:
         kept = {number // self.each for number in numbers}
         self.inner.keep(kept)
         self._retinas = {n: retina for n, retina in self._retinas.items() if n // self.each in kept}
+
+
+class Rehearsing(QuasiStaticLearner):
+    """A learner of trees that rehearses what it remembers.
+
+    To be put before a learner of trees: `class JitteredRLVC(Rehearsing, RLVC)`.
+
+    Args:
+        env: as for the learner.
+        copies: jittered copies of each percept; 0 for none.
+        jitter: how far copies differ, a `Jitter` or its fields.
+        summed: how the criterion adds up actions: "deviation", "variance", or None for the best
+            action as the learner has it. Only for questions whose answers are 0 and 1.
+        least: percepts and copies that must be on either side of a split (not with `summed=None`).
+        rounds: most refinements in one phase.
+        growth: as for `QuasiStaticLearner`; unless given, a memory of a million, values from the
+            leaf model, and the end of learning after one quiet phase.
+        **settings: those of the learner.
+
+    Raises:
+        ValueError: a setting makes no sense; copies with a history.
+    """
+
+    def __init__(
+        self,
+        env: GymEnv | str | None,
+        *args: Any,
+        copies: int = 0,
+        jitter: Jitter | dict[str, float] = SMALL,
+        summed: Summed | None = None,
+        least: float = 1,
+        rounds: int = 60,
+        growth: Growth | dict[str, Any] | None = None,
+        **settings: Any,
+    ) -> None:
+        if copies < 0 or rounds < 1:
+            raise ValueError(f"copies is {copies} and rounds {rounds}; expected at least 0 and at least 1")
+        if settings.get("history"):
+            raise ValueError("jittered copies of a history are not defined; use history=0")
+        if summed not in ("deviation", "variance", None):
+            raise ValueError(f"summed is {summed!r}; expected 'deviation', 'variance' or None")
+        self.copies, self.summed, self.least, self.rounds = copies, summed, least, rounds
+        self.jitter = Jitter(**jitter) if isinstance(jitter, dict) else jitter
+        if growth is None:
+            growth = Growth(memory_size=1_000_000, leaf_values="model", patience=1)
+        super().__init__(env, *args, growth=growth, **settings)
+
+    # Jittered memories ------------------------------------------------------------------
+
+    def _make_percepts(self) -> Percepts:
+        percepts = super()._make_percepts()
+        return VariedPercepts(percepts, self.copies, self.jitter, self.seed or 0) if self.copies else percepts
+
+    def _recalled(self) -> tuple[Transitions, np.ndarray]:
+        memory, counts = super()._recalled()
+        if not isinstance(self._percepts, VariedPercepts):
+            return memory, counts
+        row = np.repeat(np.arange(len(memory)), self._percepts.each)
+        again = memory.take(row)
+        percepts = self._percepts.of(memory.percepts).ravel()
+        lived = Transitions(percepts, again.actions, again.rewards, again.next_percepts, again.terminated)
+        return lived, counts[row]
+
+    # Growing ----------------------------------------------------------------------------
+
+    def _refine(self) -> None:
+        phase = self.phase
+        for _ in range(self.rounds):
+            super()._refine()
+            self.phase = phase + 1
+            if not self.aliased or self.growth.memory == "clear":
+                break
+
+    def _best_question(
+        self, leaf: Node, percepts: list[Any], evidence: Evidence
+    ) -> tuple[Question, np.ndarray] | None:
+        if self.summed is None:
+            return super()._best_question(leaf, percepts, evidence)
+        judges = np.sort(self.rng.permutation(len(percepts))[:_JUDGES])
+        judged = evidence if len(judges) == len(percepts) else evidence.of_percepts(judges)
+        shown = [percepts[judge] for judge in judges]
+        for attempt in range(1 + self.growth.retries):
+            questions = self.vocabulary.candidates(leaf, shown, self.rng, attempt)
+            if not questions:
+                continue
+            best = best_summed_split(
+                judged,
+                self._shares(questions, shown),
+                summed=self.summed,
+                cross_validated=self.growth.cross_validated,
+                least=self.least,
+            )
+            if best is None:
+                continue
+            chosen = questions[best]
+            answers = np.array([self.vocabulary.answer(chosen, percept) for percept in percepts])
+            if 0 < answers.sum() < len(answers):
+                self._chosen(chosen)
+                return chosen, answers
+        return None
+
+    def _shares(self, questions: Any, percepts: list[Any]) -> np.ndarray:
+        """How far the answers of percepts are yes, `(P, Q)` in [0, 1]."""
+        return np.array([self.vocabulary.answers(questions, percept) for percept in percepts], np.float32)
+
+    def _chosen(self, question: Question) -> None:
+        """Called when a question has been chosen."""
+
+    def decide(self) -> tuple[Tree, np.ndarray]:
+        """The tree and the values that the policy should use now: pruned, if asked for."""
+        if not self.growth.prune or len(self.grown_tree.leaves) == 1:
+            return self.grown_tree.copy(), self.values.copy()
+        percepts = self._remembered()
+        if isinstance(self._percepts, VariedPercepts):
+            percepts = self._percepts.of(percepts).ravel()
+        # A merged leaf takes the mean of values that agree on the best action: nothing to check.
+        return prune(self.grown_tree, self.values, set(self._rows(percepts).tolist()))
+
+    def _settings(self) -> dict[str, Any]:
+        return {
+            **super()._settings(),
+            "copies": self.copies,
+            "jitter": asdict(self.jitter),
+            "summed": self.summed,
+            "least": self.least,
+            "rounds": self.rounds,
+        }

@@ -168,11 +168,11 @@ class WindowThresholds(Vocabulary):
     def values(self, questions: Sequence[Any], percepts: Sequence[Retina]) -> np.ndarray:
         """What lasting percepts show, `(P, Q)` float32; each value is what a cold look would read."""
         found = np.empty((len(percepts), len(questions)), np.float32)
-        coloured = np.array([i for i, question in enumerate(questions) if question.kind != MATCH], np.int64)
-        if len(coloured):
-            wanted, back = np.unique(
-                [self._column(questions[i], percepts[0]) for i in coloured], return_inverse=True
-            )
+        coloured = [i for i, question in enumerate(questions) if question.kind != MATCH]
+        if coloured:
+            self._offsets(percepts[0])
+            columns = [self._columns[questions[i][:4]] for i in coloured]
+            wanted, back = np.unique(columns, return_inverse=True)
             shown = np.array([self._map(percept)[wanted] for percept in percepts])
             found[:, coloured] = shown[:, back]
         once: dict[Any, np.ndarray] = {}  # several thresholds on one match
@@ -331,12 +331,16 @@ class WindowThresholds(Vocabulary):
 
     def _with_levels(self, looks: list[Look], values: np.ndarray) -> list[Look]:
         """Each look with thresholds spread over the values `(P, Q)` met."""
-        found: list[Look] = []
-        for look, low, high in zip(looks, values.min(axis=0), values.max(axis=0), strict=True):
-            if high > low:
-                levels = np.linspace(low, high, self.levels + 2, dtype=np.float32)[1:-1]
-                found += [look._replace(level=float(level)) for level in levels]
-        return found
+        if not looks:
+            return []
+        spread = np.linspace(values.min(axis=0), values.max(axis=0), self.levels + 2, dtype=np.float32)
+        wide = spread[0] < spread[-1]
+        return [
+            Look(*look[:4], level)
+            for look, levels, some in zip(looks, spread[1:-1].T.tolist(), wide, strict=True)
+            if some
+            for level in levels
+        ]
 
     def keep(self, question: Any) -> None:
         """Remember the patch of a question that is asked from now on, forget the others drawn for it."""

@@ -21,30 +21,20 @@ sample of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.frames import Frame
-from attn_tree.growth import Growth
-from attn_tree.learner import QuasiStaticLearner
-from attn_tree.memory import Transitions
-from attn_tree.percepts import Percepts
-from attn_tree.tree.criterion import Evidence
-from attn_tree.tree.node import Node, Question, Tree
-from attn_tree.tree.pruning import prune
-from attn_tree.tree.splitter import Summed, best_summed_split
-from attn_tree.variants import VariedPercepts
+from attn_tree.tree.node import Question
+from attn_tree.tree.splitter import Summed
+from attn_tree.variants import Rehearsing
 from attn_tree.vision.jitter import SMALL, Jitter
 from attn_tree.window_questions import Kinds, WindowThresholds
 
-# Percepts that judge the questions of one leaf, at most.
-_JUDGES = 1500
 
-
-class WindowTree(QuasiStaticLearner):
+class WindowTree(Rehearsing):
     """A tree of yes-or-no questions about small windows.
 
     Args:
@@ -54,12 +44,9 @@ class WindowTree(QuasiStaticLearner):
         jitter: how far copies differ, a `Jitter` or its fields.
         summed: how the criterion adds up actions: "deviation", "variance", or None for the best action.
         least: percepts and copies that must be on either side of a split.
-        rounds: most refinements in one phase.
-        growth: as for `QuasiStaticLearner`; unless given, a memory of a million, values from the
-            leaf model, and the end of learning after one quiet phase.
         sizes, samples, candidates, matches, patch, stride, tolerance, levels, doubt, frame, anchors,
             resolution: those of `WindowThresholds`.
-        **settings: those of `QuasiStaticLearner` and `TableLearner`.
+        **settings: those of `Rehearsing`, `QuasiStaticLearner` and `TableLearner`.
     """
 
     vocabulary: WindowThresholds
@@ -73,7 +60,6 @@ class WindowTree(QuasiStaticLearner):
         jitter: Jitter | dict[str, float] = SMALL,
         summed: Summed | None = "deviation",
         least: float = 1,
-        rounds: int = 60,
         sizes: Sequence[int] = (8, 16),
         samples: int = 4,
         candidates: int = 200,
@@ -86,17 +72,8 @@ class WindowTree(QuasiStaticLearner):
         frame: Frame = "image",
         anchors: int = 1,
         resolution: float = 0.25,
-        growth: Growth | dict[str, Any] | None = None,
         **settings: Any,
     ) -> None:
-        if copies < 0 or rounds < 1:
-            raise ValueError(f"copies is {copies} and rounds {rounds}; expected at least 0 and at least 1")
-        if copies and settings.get("history"):
-            raise ValueError("jittered copies of a history are not defined; use copies=0 or history=0")
-        if summed not in ("deviation", "variance", None):
-            raise ValueError(f"summed is {summed!r}; expected 'deviation', 'variance' or None")
-        self.copies, self.summed, self.least, self.rounds = copies, summed, least, rounds
-        self.jitter = Jitter(**jitter) if isinstance(jitter, dict) else jitter
         self.windows = WindowThresholds(
             questions,
             sizes=sizes,
@@ -112,84 +89,21 @@ class WindowTree(QuasiStaticLearner):
             anchors=anchors,
             resolution=resolution,
         )
-        if growth is None:
-            growth = Growth(memory_size=1_000_000, leaf_values="model", patience=1)
-        super().__init__(env, self.windows, growth=growth, **settings)
+        super().__init__(
+            env, self.windows, copies=copies, jitter=jitter, summed=summed, least=least, **settings
+        )
 
-    # Jittered memories ------------------------------------------------------------------
+    def _shares(self, questions: Any, percepts: list[Any]) -> np.ndarray:
+        return self.windows.shares(questions, percepts)
 
-    def _make_percepts(self) -> Percepts:
-        percepts = super()._make_percepts()
-        return VariedPercepts(percepts, self.copies, self.jitter, self.seed or 0) if self.copies else percepts
-
-    def _recalled(self) -> tuple[Transitions, np.ndarray]:
-        memory, counts = super()._recalled()
-        if not isinstance(self._percepts, VariedPercepts):
-            return memory, counts
-        row = np.repeat(np.arange(len(memory)), self._percepts.each)
-        again = memory.take(row)
-        percepts = self._percepts.of(memory.percepts).ravel()
-        lived = Transitions(percepts, again.actions, again.rewards, again.next_percepts, again.terminated)
-        return lived, counts[row]
-
-    # Growing ----------------------------------------------------------------------------
-
-    def _refine(self) -> None:
-        phase = self.phase
-        for _ in range(self.rounds):
-            super()._refine()
-            self.phase = phase + 1
-            if not self.aliased or self.growth.memory == "clear":
-                break
-
-    def _best_question(
-        self, leaf: Node, percepts: list[Any], evidence: Evidence
-    ) -> tuple[Question, np.ndarray] | None:
-        if self.summed is None or self.history:
-            return super()._best_question(leaf, percepts, evidence)
-        judges = np.sort(self.rng.permutation(len(percepts))[:_JUDGES])
-        judged = evidence if len(judges) == len(percepts) else evidence.of_percepts(judges)
-        shown = [percepts[judge] for judge in judges]
-        for attempt in range(1 + self.growth.retries):
-            questions = self.windows.candidates(leaf, shown, self.rng, attempt)
-            if not questions:
-                continue
-            best = best_summed_split(
-                judged,
-                self.windows.shares(questions, shown),
-                summed=self.summed,
-                cross_validated=self.growth.cross_validated,
-                least=self.least,
-            )
-            if best is None:
-                continue
-            chosen = questions[best]
-            answers = np.array([self.windows.answer(chosen, percept) for percept in percepts])
-            if 0 < answers.sum() < len(answers):
-                self.windows.keep(chosen)
-                return chosen, answers
-        return None
-
-    def decide(self) -> tuple[Tree, np.ndarray]:
-        """The tree and the values that the policy should use now: pruned, if asked for."""
-        if not self.growth.prune or len(self.grown_tree.leaves) == 1:
-            return self.grown_tree.copy(), self.values.copy()
-        percepts = self._remembered()
-        if isinstance(self._percepts, VariedPercepts):
-            percepts = self._percepts.of(percepts).ravel()
-        # A merged leaf takes the mean of values that agree on the best action: nothing to check.
-        return prune(self.grown_tree, self.values, set(self._rows(percepts).tolist()))
+    def _chosen(self, question: Question) -> None:
+        self.windows.keep(question)
 
     def _settings(self) -> dict[str, Any]:
         words = self.windows
         return {
             **super()._settings(),
             "questions": words.kinds,
-            "copies": self.copies,
-            "jitter": asdict(self.jitter),
-            "summed": self.summed,
-            "least": self.least,
-            "rounds": self.rounds,
             "sizes": list(words.sizes),
             "samples": words.samples,
             "candidates": words.n_candidates,

@@ -51,11 +51,13 @@ def window_colours(image: np.ndarray, centers: np.ndarray, size: int, samples: i
     stride = max(size // samples, 1)
     side = np.minimum(size, (width, height))
     corners = np.clip(np.round(centers - side / 2).astype(np.int64), 0, (width, height) - side)
-    columns = corners[:, :1] + np.arange(0, side[0], stride)
-    rows = corners[:, 1:] + np.arange(0, side[1], stride)
-    count = rows.shape[1] * columns.shape[1]
-    values = image[rows[:, :, None], columns[:, None, :]].reshape(len(centers), count, -1)
-    total = values.sum(axis=1, dtype=np.int64)
+    pixels = image.reshape(height * width, -1)
+    first = corners[:, 1] * width + corners[:, 0]
+    total, count = np.zeros((len(centers), pixels.shape[1]), np.int64), 0
+    for down in range(0, side[1], stride):
+        for right in range(0, side[0], stride):
+            total += pixels[first + (down * width + right)]
+            count += 1
     return _code(np.broadcast_to(total, (len(centers), 3)), count)
 
 
