@@ -102,10 +102,25 @@ def _rest(settings: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if name != "gamma"}
 
 
-def correct(model: Any, world: Any, gamma: float = GAMMA) -> float:
-    """Share of a world's state–view pairs, which are the model's own images, that it decides optimally."""
+def as_decided(model: Any, world: Any) -> tuple[Any, np.ndarray]:
+    """A world as a model perceives it, and the model's greedy actions by what it perceives.
+
+    For a model without memory the world itself, whose images are the model's own; for one that
+    remembers, the world of its windows (`envs.memory`).
+    """
+    if getattr(model, "history", 0):
+        from envs.memory import with_memory
+
+        world, windows, _ = with_memory(world, model.history)
+        return world, model.window_actions(windows)
     actions, _ = model.predict(np.arange(world.n_images), deterministic=True)
-    return float(world.correct_policy_rate(np.asarray(actions, int), gamma))
+    return world, np.asarray(actions, int)
+
+
+def correct(model: Any, world: Any, gamma: float = GAMMA) -> float:
+    """Share of the pairs of a state and what is perceived in it that a model decides optimally."""
+    seen, actions = as_decided(model, world)
+    return float(seen.correct_policy_rate(actions, gamma))
 
 
 def figures(grown: Grown, horizon: int = 100, cost: bool = True) -> dict[str, Any]:
@@ -120,10 +135,11 @@ def figures(grown: Grown, horizon: int = 100, cost: bool = True) -> dict[str, An
     from runs.costs import Subject, percepts_of, pixel_cost
 
     model, world = grown.model, grown.world
-    policy = evaluation.policy_table(model, world, "index", own=True)
+    seen, actions = as_decided(model, world)
+    policy = np.eye(world.n_actions)[actions]
     found: dict[str, Any] = {
-        "correct": float(world.correct_policy_rate(policy, GAMMA)),
-        "return": evaluation.score(world, policy, GAMMA, horizon).return_mean,
+        "correct": float(seen.correct_policy_rate(policy, GAMMA)),
+        "return": evaluation.score(seen, policy, GAMMA, horizon).return_mean,
         "steps": model.num_timesteps,
     }
     if grown.heldout is not None:
