@@ -42,24 +42,21 @@ def most_useful(
     n_questions, n_actions = answers.shape[1], int(evidence.actions.max(initial=-1)) + 1
     if n_questions == 0 or n_actions < 2:
         return None
-    answers = np.column_stack([np.unique(column, return_inverse=True)[1] for column in answers.T])
-    width = int(answers.max(initial=0)) + 1
-    cells = (np.arange(n_questions) * width + answers[evidence.percepts]) * n_actions
-    cells = (cells + evidence.actions[:, None]).ravel()
-    shape = n_questions, width, n_actions
-
-    def per_cell(of_pairs: np.ndarray) -> np.ndarray:
-        return np.bincount(cells, np.repeat(of_pairs, n_questions), np.prod(shape)).reshape(shape)
-
+    given = np.column_stack([np.unique(column, return_inverse=True)[1] for column in answers.T])
+    given = given[evidence.percepts]
+    # Number, sum and sum of squares of Δ by question, answer and action: products of two matrices.
     # Means are centred, so that squares keep their digits.
-    centre = np.average(evidence.means, weights=evidence.counts)
-    shifted = evidence.means - centre
-    n = per_cell(evidence.counts)
-    mean = per_cell(evidence.counts * shifted) / np.maximum(n, 1)
-    square = per_cell(evidence.counts * (shifted**2 + evidence.noise)) / np.maximum(n, 1)
+    shifted = evidence.means - np.average(evidence.means, weights=evidence.counts)
+    taken = (evidence.actions[:, None] == np.arange(n_actions)) * evidence.counts[:, None]
+    weights = np.hstack([taken, taken * shifted[:, None], taken * (shifted**2 + evidence.noise)[:, None]])
+    sums = np.stack(
+        [(given == answer).T.astype(float) @ weights for answer in range(int(given.max()) + 1)], 1
+    )
+    n, total, square = np.split(sums, 3, axis=2)  # each (Q, answers, A)
+    mean, square = total / np.maximum(n, 1), square / np.maximum(n, 1)
     error = np.maximum(square - mean**2, 0) / np.maximum(n - 1, 1)
     whole = n[0].sum(axis=0)
-    own = int(np.argmax(np.where(whole > 0, (n[0] * mean[0]).sum(axis=0) / np.maximum(whole, 1), -np.inf)))
+    own = int(np.argmax(np.where(whole > 0, total[0].sum(axis=0) / np.maximum(whole, 1), -np.inf)))
     z = 0.0 if significance is None else -float(ndtri(significance))
     better = mean - mean[:, :, [own]] - z * np.sqrt(error + error[:, :, [own]])
     judged = (n >= least) & (n[:, :, [own]] >= least)

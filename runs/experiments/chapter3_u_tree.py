@@ -253,7 +253,7 @@ EXPERIMENTS = [
             "Both mazes are perceived as four walls; memory is the observation and the action one step back.",
             "The bound is that of deterministic policies over such windows; 'any memory' is the optimum over "
             "all that was seen and done. History 0 is the control.",
-            "Leaf values are solved from memory; splits are significant at 0.01; a fringe of two is searched.",
+            "Leaf values are solved from memory; splits are significant at 0.01; the fringe is 2 deep.",
         ),
         cpu_minutes=5,
     ),
@@ -269,7 +269,7 @@ EXPERIMENTS = [
         deviations=(
             "Splits are made one at a time and kept only if the greedy return rises (attn_tree.cautious); "
             "values are returns traced through memory.",
-            f"While learning, a decision holds for {HOLD} steps; scored are decisions at every step, and held "
+            f"While learning, a decision holds for {HOLD} steps; scored: decisions at every step, and held "
             "ones beside them.",
             "DQN's settings are those of RL Baselines3 Zoo; CART is fitted to its decisions in five rounds "
             "of DAgger and has at most 16 leaves, as U-Tree has.",
