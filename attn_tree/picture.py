@@ -15,7 +15,7 @@ from attn_tree.tree.node import Node
 from attn_tree.vision.retina import Retina
 
 if TYPE_CHECKING:
-    from attn_tree.learner import QuasiStaticLearner
+    from attn_tree.tree_learner import TreeLearner
 
 _ARROWS = {"up": "↑", "right": "→", "down": "↓", "left": "←"}
 # Percepts averaged or searched for the picture of one node; more would not be seen.
@@ -23,7 +23,7 @@ _MOST_SHOWN = 40
 
 
 def draw_learner(
-    learner: QuasiStaticLearner, path: str | Path | None, grown: bool, images: np.ndarray | None
+    learner: TreeLearner, path: str | Path | None, grown: bool, images: np.ndarray | None
 ) -> Figure:
     """Draw the deciding (or the grown) tree over the percepts remembered, or over `images`."""
     tree, values = (
@@ -58,7 +58,7 @@ def _thumbnails(percepts: list[Any]) -> list[np.ndarray]:
     return list({image.tobytes(): image for image in images}.values())
 
 
-def action_text(learner: QuasiStaticLearner, action: int) -> str:
+def action_text(learner: TreeLearner, action: int) -> str:
     """An action's name as the world gives it, as an arrow where it is a direction."""
     try:
         name = learner.get_env().get_attr("world")[0].action_names[action]  # type: ignore[union-attr]

@@ -19,7 +19,7 @@ from attn_tree.tree.node import Node, Tree
 from attn_tree.vision.retina import metering
 
 if TYPE_CHECKING:
-    from attn_tree.learner import QuasiStaticLearner
+    from attn_tree.tree_learner import TreeLearner
 
 # Leaves remembered for images met in `predict`, so that evaluation in a loop is quick.
 _MOST_REMEMBERED = 100_000
@@ -28,9 +28,9 @@ _MOST_REMEMBERED = 100_000
 class TreePolicy(TablePolicy):
     """Walks its learner's tree, pruned if the learner prunes."""
 
-    learner: QuasiStaticLearner
+    learner: TreeLearner
 
-    def __init__(self, learner: QuasiStaticLearner) -> None:
+    def __init__(self, learner: TreeLearner) -> None:
         super().__init__(learner)
         self._version = -1
         self._bank: np.ndarray | None = None

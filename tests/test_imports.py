@@ -22,6 +22,7 @@ ALLOWED = {
         "attn_tree.table_policy",
         "attn_tree.rates",
         "attn_tree.learner",
+        "attn_tree.tree_learner",
         "attn_tree.vocabulary",
         "attn_tree.growth",
         "attn_tree.percepts",
