@@ -63,6 +63,30 @@ class Forest:
         """
         return cls([build(seed).learn(steps) for seed in seeds], vote)
 
+    @classmethod
+    def rehearsed(
+        cls,
+        first: QuasiStaticLearner,
+        build: Callable[[int], QuasiStaticLearner],
+        seeds: Sequence[int],
+        vote: Vote = "majority",
+    ) -> Forest:
+        """A forest of a learner that has learned and of others that grow from what it remembers.
+
+        Args:
+            first: its memory is handed on; it must not have been cleared.
+            build: a learner in the same environment, for a seed, that refines after its first episode
+                (`episodes_per_phase=1`).
+            seeds: one per further tree.
+            vote: as for the forest.
+        """
+        trees = [first]
+        for seed in seeds:
+            tree = build(seed)
+            tree._memory.restore(first._memory.arrays())
+            trees.append(tree.learn(1))
+        return cls(trees, vote)
+
     def __len__(self) -> int:
         return len(self.trees)
 

@@ -201,6 +201,8 @@ class WindowThresholds(Vocabulary):
         return max(shown)
 
     def _places(self, question: Any, percept: Retina) -> list[tuple[int, int]]:
+        if question.kind == MATCH and self.tolerance is None:
+            return [(0, 0)]
         offset = np.array([[question.x, question.y]])
         found = anchors(percept, self.frame, self.n_anchors, self.resolution)
         return [(int(x), int(y)) for anchor in found for x, y in anchor.places(offset)]
@@ -296,7 +298,7 @@ class WindowThresholds(Vocabulary):
         for _ in range(self.n_matches):
             source = percepts[int(rng.integers(len(percepts)))]
             anchor = anchors(source, self.frame, self.n_anchors, self.resolution)[0]
-            if known and rng.random() < _KNOWN:
+            if known and self.tolerance is not None and rng.random() < _KNOWN:
                 x, y = known[int(rng.integers(len(known)))]
             else:
                 x, y = self._attractive(source, rng)
@@ -305,6 +307,8 @@ class WindowThresholds(Vocabulary):
             if patch.shape != (self.patch, self.patch) or is_flat(patch):
                 continue
             self.patches[self._next] = patch
+            if self.tolerance is None:
+                x, y = 0, 0
             looks.append(Look(MATCH, int(x), int(y), self._next, 0.0))
             self._next += 1
         return self._with_levels(looks, self.values(looks, percepts))

@@ -76,9 +76,12 @@ class Evidence:
 
 def delta_variance(evidence: Evidence) -> float:
     """The largest variance of Δ over percepts for one action: the aliasing of the leaf."""
-    return max(
-        (float(np.var(evidence.means[evidence.of_action(a)])) for a in set(evidence.actions)), default=0.0
-    )
+    if len(evidence.means) == 0:
+        return 0.0
+    actions = evidence.actions
+    counts = np.maximum(np.bincount(actions), 1)
+    means = np.bincount(actions, evidence.means) / counts
+    return float((np.bincount(actions, (evidence.means - means[actions]) ** 2) / counts).max())
 
 
 def variance_reductions(means: np.ndarray, answers: np.ndarray, cross_validated: bool) -> np.ndarray:
