@@ -178,6 +178,8 @@ def separation_p_value(evidence: Evidence, pairs: np.ndarray, groups: np.ndarray
     squared_error = float((evidence.noise[pairs] / evidence.counts[pairs]).max())
     certain = repeated and squared_error <= max(_CERTAIN * float(np.var(means)), (_ROUNDING * scale) ** 2)
     answers = np.unique(groups)
+    if len(answers) < 2:  # nothing is parted; rounding may have made it look so
+        return 1.0
     smallest = 1.0
     for answer in answers if len(answers) > 2 else answers[:1]:
         inside, outside = means[groups == answer], means[groups != answer]
