@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from attn_tree.rlvc import RLVC
     from attn_tree.s_tree import STree
     from attn_tree.u_tree import UTree
+    from attn_tree.window_tree import WindowTree
 
-__all__ = ["RLVC", "Growth", "QuasiStaticLearner", "STree", "TableLearner", "UTree"]
+__all__ = ["RLVC", "Growth", "QuasiStaticLearner", "STree", "TableLearner", "UTree", "WindowTree"]
 
 _MODULES = {
     "Growth": "growth",
@@ -24,6 +25,7 @@ _MODULES = {
     "STree": "s_tree",
     "TableLearner": "q_learning",
     "UTree": "u_tree",
+    "WindowTree": "window_tree",
 }
 
 

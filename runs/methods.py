@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Literal
 
 Family = Literal["tree", "network", "control"]
@@ -39,52 +40,14 @@ class Method:
     note: str = ""
 
 
-def _s_tree(env: Any, seed: int, **settings: Any) -> Any:
-    from attn_tree import STree
+def _constructor(path: str) -> Callable[..., Any]:
+    """What builds a method: the constructor `module:Class`, imported when it is called."""
+    module, _, name = path.partition(":")
 
-    return STree(env, seed=seed, **settings)
+    def build(env: Any, seed: int, **settings: Any) -> Any:
+        return getattr(import_module(module), name)(env, seed=seed, **settings)
 
-
-def _rlvc(env: Any, seed: int, **settings: Any) -> Any:
-    from attn_tree import RLVC
-
-    return RLVC(env, seed=seed, **settings)
-
-
-def _nature_ppo(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines.nature_cnn import NaturePPO
-
-    return NaturePPO(env, seed=seed, **settings)
-
-
-def _nature_dqn(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines.nature_cnn import NatureDQN
-
-    return NatureDQN(env, seed=seed, **settings)
-
-
-def _glimpse_ppo(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines.glimpse import GlimpsePPO
-
-    return GlimpsePPO(env, seed=seed, **settings)
-
-
-def _pixel_tree(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines.pixel_tree import PixelTree
-
-    return PixelTree(env, seed=seed, **settings)
-
-
-def _thumbnail_q(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines.tabular import ThumbnailQ
-
-    return ThumbnailQ(env, seed=seed, **settings)
-
-
-def _tabular_q(env: Any, seed: int, **settings: Any) -> Any:
-    from baselines.tabular import TabularQ
-
-    return TabularQ(env, seed=seed, **settings)
+    return build
 
 
 def _random(env: Any, seed: int, **settings: Any) -> Any:
@@ -94,24 +57,44 @@ def _random(env: Any, seed: int, **settings: Any) -> Any:
     return RandomAgent(env, seed=seed, **settings)
 
 
+def _tree(name: str, path: str, note: str) -> Method:
+    return Method(name, "tree", _constructor(path), 32, "index", note=note)
+
+
+def _network(name: str, path: str, note: str, **settings: Any) -> Method:
+    return Method(name, "network", _constructor(path), 8, "index", settings, note)
+
+
 def _glimpse(name: str, places: str, note: str) -> Method:
-    return Method(name, "network", _glimpse_ppo, 8, "index", {"places": places}, note)
+    return _network(name, "baselines.glimpse:GlimpsePPO", note, places=places)
+
+
+def _control(name: str, path: str, note: str, obs: Mode = "index") -> Method:
+    return Method(name, "control", _constructor(path), 32, obs, note=note)
 
 
 _ALL = (
-    Method("STree", "tree", _s_tree, 32, "index", note="saccade tree: a codeword at one place after another"),
-    Method("RLVC", "tree", _rlvc, 32, "index", note="tree over SIFT features of the whole image"),
-    Method("NaturePPO", "network", _nature_ppo, 8, "index", note="PPO, NatureCNN on the full image"),
-    Method("NatureDQN", "network", _nature_dqn, 8, "index", note="DQN, NatureCNN on the full image"),
+    _tree("STree", "attn_tree:STree", "saccade tree: a codeword at one place after another"),
+    _tree("WindowTree", "attn_tree:WindowTree", "tree over thresholds of small windows, jittered memories"),
+    _tree("RLVC", "attn_tree:RLVC", "tree over SIFT features of the whole image"),
+    _network("NaturePPO", "baselines.nature_cnn:NaturePPO", "PPO, NatureCNN on the full image"),
+    _network("NatureDQN", "baselines.nature_cnn:NatureDQN", "DQN, NatureCNN on the full image"),
     _glimpse("GlimpsePPO", "learned", "PPO, a 16×16 glance and 3 windows at learned places"),
     _glimpse("GlimpsePPO-random", "random", "the same at random places"),
     _glimpse("GlimpsePPO-fixed", "fixed", "the same at fixed places"),
     _glimpse("GlimpsePPO-detached", "detached", "the same, places get no gradient"),
     _glimpse("GlimpsePPO-glance", "none", "the glance alone"),
-    Method("PixelTree", "control", _pixel_tree, 32, "index", note="tree over thresholds of raw pixels"),
-    Method("ThumbnailQ", "control", _thumbnail_q, 32, "index", note="table over a hash of an 8×8 thumbnail"),
-    Method(
-        "TabularQ", "control", _tabular_q, 32, "state", note="table over the hidden state: told the answer"
+    _control("PixelTree", "baselines.pixel_tree:PixelTree", "tree over thresholds of raw pixels"),
+    _control("ThumbnailQ", "baselines.tabular:ThumbnailQ", "table over a hash of an 8×8 thumbnail"),
+    _control(
+        "ThumbnailNearest",
+        "baselines.coarse:ThumbnailNearest",
+        "the values of the nearest remembered 8×8 thumbnail",
+    ),
+    _control("ThumbnailTree", "baselines.coarse:ThumbnailTree", "tree over thresholds of an 8×8 thumbnail"),
+    _control("CoarseRLVC", "baselines.coarse:CoarseRLVC", "RLVC on the image at half size"),
+    _control(
+        "TabularQ", "baselines.tabular:TabularQ", "table over the hidden state: told the answer", "state"
     ),
     Method("Random", "control", _random, 8, "index", note="uniform random actions"),
 )
