@@ -104,7 +104,8 @@ class Rehearsing(QuasiStaticLearner):
         least: percepts and copies that must be on either side of a split (not with `summed=None`).
         rounds: most refinements in one phase.
         growth: as for `QuasiStaticLearner`; unless given, a memory of a million, values from the
-            leaf model, and the end of learning after one quiet phase.
+            leaf model, two more tries at a leaf that no question separates, and the end of learning
+            after one quiet phase.
         **settings: those of the learner.
 
     Raises:
@@ -132,7 +133,7 @@ class Rehearsing(QuasiStaticLearner):
         self.copies, self.summed, self.least, self.rounds = copies, summed, least, rounds
         self.jitter = Jitter(**jitter) if isinstance(jitter, dict) else jitter
         if growth is None:
-            growth = Growth(memory_size=1_000_000, leaf_values="model", patience=1)
+            growth = Growth(memory_size=1_000_000, leaf_values="model", patience=1, retries=2)
         super().__init__(env, *args, growth=growth, **settings)
 
     # Jittered memories ------------------------------------------------------------------
@@ -166,6 +167,8 @@ class Rehearsing(QuasiStaticLearner):
     ) -> tuple[Question, np.ndarray] | None:
         if self.summed is None:
             return super()._best_question(leaf, percepts, evidence)
+        if len(percepts) < 2 * self.least:
+            return None
         judges = np.sort(self.rng.permutation(len(percepts))[:_JUDGES])
         judged = evidence if len(judges) == len(percepts) else evidence.of_percepts(judges)
         shown = [percepts[judge] for judge in judges]
