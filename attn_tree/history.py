@@ -177,6 +177,7 @@ class HistoryVocabulary(Vocabulary):
         self.versions: list[Tree] = []
         self.ask: Callable[[Tree, Moment], Node] | None = None  # set by whoever owns the other questions
         self.parse: Callable[[Any], Question] | None = None
+        self.action_name: Callable[[int], str] = "action {}".format  # for drawings
 
     @property
     def ready(self) -> bool:
@@ -246,11 +247,13 @@ class HistoryVocabulary(Vocabulary):
         return {"pair": "action and state", "action": "action", "state": "state"}[question.of] + f" {when}"
 
     def describe_answer(self, question: Any, answer: int) -> str:
-        """The action, the state's row, or both; ∅ for Null."""
+        """The action, the row of the state, or both (`→ in 3`: action in state); ∅ for Null."""
         if answer == NULL:
             return "∅"
-        if question.of != "pair":
-            return f"a{answer - 1}" if question.of == "action" else f"s{answer - 1}"
+        if question.of == "action":
+            return self.action_name(answer - 1)
+        if question.of == "state":
+            return f"state {answer - 1}"
         total = int((np.sqrt(8 * (answer - 1) + 1) - 1) // 2)
         action = answer - 1 - total * (total + 1) // 2
-        return f"s{total - action}, a{action}"
+        return f"{self.action_name(action)} in {total - action}"

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from attn_tree.history import Moment
+from attn_tree.history import HistoryVocabulary, Moment
+from attn_tree.joint import JointVocabulary
 from attn_tree.tree.drawing import Labels, draw_tree
 from attn_tree.tree.node import Node
 from attn_tree.vision.retina import Retina
@@ -40,6 +41,9 @@ def draw_learner(
         for place in (node, *node.ancestors()):
             under[place].append(percept)
     vocabulary = learner.vocabulary
+    for part in vocabulary.parts.values() if isinstance(vocabulary, JointVocabulary) else ():
+        if isinstance(part, HistoryVocabulary):
+            part.action_name = lambda action: action_text(learner, action)
     labels = Labels(
         node=lambda node: vocabulary.describe(node.question),
         picture=lambda node: vocabulary.picture(node.question, under[node][:_MOST_SHOWN]),

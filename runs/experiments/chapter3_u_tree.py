@@ -21,7 +21,7 @@ MEMORIES = (0, 1)
 AT_BOUND = 1e-3  # of a return that counts as the bound
 
 POLE = "CartPole-v1"
-POLE_STEPS, EPISODES = 100_000, 100
+POLE_STEPS, EPISODES = {"utility": 150_000, "variance": 100_000, "kolmogorov": 100_000}, 100
 HOLD = 2  # steps that a decision of U-Tree holds
 TREE: dict[str, Any] = {
     "gamma": 0.98,
@@ -131,7 +131,7 @@ def _pole_units() -> list[Unit]:
     units = [
         Unit(
             f"UTree-{criterion}-{seed}",
-            {"method": f"UTree, {criterion}", "seed": seed, "steps": POLE_STEPS, "settings": TREE},
+            {"method": f"UTree, {criterion}", "seed": seed, "steps": POLE_STEPS[criterion], "settings": TREE},
         )
         for criterion in CRITERIA
         for seed in range(SEEDS)
