@@ -9,6 +9,7 @@ import pytest
 from scipy import fft
 from skimage import data
 
+from attn_tree import STree
 from attn_tree.gist_questions import Gist, GistVocabulary
 from attn_tree.learner import QuasiStaticLearner
 from attn_tree.tree.node import Node, Tree
@@ -17,7 +18,7 @@ from attn_tree.vision.retina import Retina, meter
 from envs.banks import ImageBank
 from envs.camera import CameraVectorEnv
 from envs.recognition import recognition_world
-from envs.sb3 import BatchedVecEnv
+from envs.sb3 import BatchedVecEnv, make_vec
 
 PHOTOGRAPH = np.ascontiguousarray(data.astronaut()[:256, 100:420])
 SMALL = GistSettings(size=16, orientations=4, scales=2, grid=4)
@@ -156,3 +157,19 @@ def test_a_tree_of_the_gist_alone_learns_kinds_of_scene(tmp_path: Path) -> None:
     with meter() as cost:
         learner.predict(2, deterministic=True)
     assert (cost.selection, cost.recognition, cost.operations["questions"]) == (1024, 0, 1)
+
+
+def test_a_tree_asks_the_gist_first_and_keeps_it_in_its_file(tmp_path: Path) -> None:
+    env = make_vec("attn_tree/VisualGridworld-4x4-v0", n_envs=32, seed=0, obs="index")
+    model = STree(env, seed=0, gist=3).learn(10_000)
+    questions = [node.question for node in model.grown_tree.nodes if not node.is_leaf]
+    assert [question.part == "gist" for question in questions] == [True, *[False] * (len(questions) - 1)]
+    with meter() as cost:
+        model.predict(np.array(0), deterministic=True)
+    assert cost.selection == 32 * 32 and cost.recognition > 0
+    model.save(tmp_path / "m.zip")
+    again = STree.load(tmp_path / "m.zip", env=env)
+    images = np.arange(14)
+    assert (
+        again.predict(images, deterministic=True)[0] == model.predict(images, deterministic=True)[0]
+    ).all()

@@ -92,7 +92,8 @@ def test_every_decision_becomes_correct_and_learning_stops_by_itself(method: typ
 
 
 @pytest.mark.parametrize(
-    "settings", [{"growth": Growth(leaf_values="model")}, {"temperature": 0.5}, {"places": "eight"}]
+    "settings",
+    [{"growth": Growth(leaf_values="model")}, {"temperature": 0.5}, {"places": "eight"}, {"gist": 3}],
 )
 def test_the_other_ways_to_learn_reach_it_too(settings: dict) -> None:
     model, world = learned(STree, 2, **settings)
