@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from attn_tree.forest import Forest
     from attn_tree.growth import Growth
     from attn_tree.learner import QuasiStaticLearner
     from attn_tree.q_learning import TableLearner
@@ -16,9 +17,10 @@ if TYPE_CHECKING:
     from attn_tree.u_tree import UTree
     from attn_tree.window_tree import WindowTree
 
-__all__ = ["RLVC", "Growth", "QuasiStaticLearner", "STree", "TableLearner", "UTree", "WindowTree"]
+__all__ = ["RLVC", "Forest", "Growth", "QuasiStaticLearner", "STree", "TableLearner", "UTree", "WindowTree"]
 
 _MODULES = {
+    "Forest": "forest",
     "Growth": "growth",
     "QuasiStaticLearner": "learner",
     "RLVC": "rlvc",
