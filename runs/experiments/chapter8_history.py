@@ -103,7 +103,7 @@ def score(lines: Sequence[Line]) -> list[Table]:
                 if not found:
                     continue
                 earned = [line.scores["earned"] for line in found]
-                bound = found[0].scores["bound"]
+                bound = round(found[0].scores["bound"], 9)  # an optimum of 0 is found as 10^-12
                 reached = sum(value >= bound - EQUAL for value in earned)
                 rows.append(
                     [
