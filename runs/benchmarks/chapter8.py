@@ -23,11 +23,12 @@ from attn_tree import Growth, STree, UTree
 from attn_tree.window_tree import WindowTree
 from envs.sb3 import make_vec
 from runs.costs import decide, pin_threads
+from runs.experiments.chapter3_u_tree import TREE
 
 GRID = "attn_tree/VisualGridworld-4x4-v0"
 OBJECTS = "attn_tree/ObjectRecognition-v0"
-REPEATS = 5
-DECISIONS = 400
+REPEATS = 3
+DECISIONS = 200
 SIDE = 128
 ENDLESS = Growth(patience=10**9)  # goes on learning after it has solved its world
 
@@ -47,8 +48,8 @@ def objects(classes: int, make: Callable[..., Any] = STree) -> Any:
 
 
 def pole() -> UTree:
-    """A continuous U-Tree in eight CartPoles, which are Python themselves."""
-    return UTree(make_vec_env("CartPole-v1", 8, seed=0), seed=0, gamma=0.98).learn(20_000)
+    """A continuous U-Tree in CartPole, as in experiment `u-tree-cartpole` but eight at once."""
+    return UTree(make_vec_env("CartPole-v1", 8, seed=0), seed=0, **TREE).learn(8_000)
 
 
 def training(models: dict[str, tuple[Any, int]]) -> None:
@@ -110,15 +111,15 @@ def memory(model: Any) -> None:
 
 def main() -> None:
     """Print the tables."""
-    hundred = objects(100)
+    hundred = objects(100)  # half a minute
     trees: dict[str, tuple[Any, int]] = {
         f"STree, 4×4 grid, history {n}": (gridworld(n), 50_000) for n in range(3)
     }
     trees["STree, 16 classes, one step"] = objects(16), 20_000
     trees["STree, 100 classes, one step"] = hundred, 80_000
-    trees["UTree, CartPole, 8 environments"] = pole(), 4_000
+    trees["UTree, CartPole, 8 environments"] = pole(), 2_000
     training(trees)
-    decisions({"STree, 100 classes": hundred, "WindowTree, 100 classes": objects(100, WindowTree)})
+    decisions({"STree, 100 classes": hundred, "WindowTree, 16 classes": objects(16, WindowTree)})
     memory(hundred)
 
 
