@@ -13,6 +13,7 @@ alone or the state alone may be asked instead of the pair, to tell which of them
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -175,6 +176,8 @@ class HistoryVocabulary(Vocabulary):
             raise ValueError(f"history_of is {of!r}; expected 'pair', 'action' or 'state'")
         self.depth, self.of = depth, of
         self.versions: list[Tree] = []
+        self._numbers: dict[str, int] = {}  # of the snapshots, by what they look like
+        self._offered: tuple[str, Tree] | None = None
         self.ask: Callable[[Tree, Moment], Node] | None = None  # set by whoever owns the other questions
         self.parse: Callable[[Any], Question] | None = None
         self.action_name: Callable[[int], str] = "action {}".format  # for drawings
@@ -197,14 +200,26 @@ class HistoryVocabulary(Vocabulary):
         return [Previous(back, self.of, version) for back in range(1, self.depth + 1)]
 
     def _version(self, leaf: Node) -> int:
-        """The number of the present tree among the snapshots."""
+        """The number of the present tree among the snapshots; the next one if it is none of them."""
         present = Tree.around(leaf)
-        shape = present.to_json()
-        for number, tree in enumerate(self.versions):
-            if tree.to_json() == shape:
-                return number
-        self.versions.append(present)
-        return len(self.versions) - 1
+        shape = json.dumps(present.to_json())
+        if shape in self._numbers:
+            return self._numbers[shape]
+        self._offered = shape, present
+        return len(self.versions)
+
+    def chosen(self, question: Any) -> None:
+        """Keep the snapshot that a question about states is the first to refer to."""
+        if question.of != "action" and question.version == len(self.versions) and self._offered is not None:
+            shape, tree = self._offered
+            self._numbers[shape] = len(self.versions)
+            self.versions.append(tree)
+
+    def _snapshot(self, version: int) -> Tree:
+        """A snapshot; the one just offered if it is not kept (yet)."""
+        if version == len(self.versions) and self._offered is not None:
+            return self._offered[1]
+        return self.versions[version]
 
     def answer(self, question: Any, percept: Any) -> int:
         """`NULL`, or a number for the action, the state or the pair; only equality means anything."""
@@ -217,7 +232,7 @@ class HistoryVocabulary(Vocabulary):
         assert action is not None and self.ask is not None
         if question.of == "action":
             return 1 + action
-        row = self.ask(self.versions[question.version], moment).row
+        row = self.ask(self._snapshot(question.version), moment).row
         # Cantor's pairing: one number for both without a bound on either.
         return 1 + row if question.of == "state" else 1 + (row + action) * (row + action + 1) // 2 + action
 
@@ -239,7 +254,10 @@ class HistoryVocabulary(Vocabulary):
     def restore(self, state: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
         """Take back the snapshots."""
         assert self.parse is not None
-        self.versions = [Tree.from_json(tree, self.parse) for tree in state["versions"]]
+        self.versions, self._numbers = [], {}
+        for number, tree in enumerate(state["versions"]):
+            self.versions.append(Tree.from_json(tree, self.parse))
+            self._numbers[json.dumps(self.versions[-1].to_json())] = number
 
     def describe(self, question: Any) -> str:
         """In words."""

@@ -74,6 +74,10 @@ class JointVocabulary(Vocabulary):
             found += [each for each in asked if each not in path]
         return found
 
+    def chosen(self, question: Any) -> None:
+        """Tell the part that asks."""
+        self.parts[question.part].chosen(question.question)
+
     def answer(self, question: Any, percept: Any) -> int:
         """The answer of the part that asks; the answers about a sight are kept with the sight."""
         part = self.parts[question.part]

@@ -167,6 +167,7 @@ class QuasiStaticLearner(TreeLearner):
     def _grow(self, leaf: Node, question: Question, answers: np.ndarray, held: LeafMemory) -> None:
         """Ask `question` at a leaf, whose percepts answer `(P,)`; new leaves inherit its values."""
         row = leaf.row
+        self.vocabulary.chosen(question)
         visits = {int(a): int(held.visits[answers == a].sum()) for a in np.unique(answers)}
         children = self.grown_tree.split(leaf, question, visits)
         inherited = np.repeat(self.values[row][None], len(children), axis=0)

@@ -137,12 +137,8 @@ class TreePolicy(TablePolicy):
         return True
 
     def _sight(self, observation: np.ndarray) -> Sight:
-        """What questions are asked of; opened anew while a meter runs."""
+        """What questions are asked of, opened anew: nothing is known of it yet."""
         if observation.ndim == 0 and self.learner.vocabulary.senses == "images":
-            if self._bank is None and self.learner.history and not metering():
-                self._image(int(observation))
-                lasting: Sight = self.learner._percepts.sights.percept(int(observation))
-                return lasting
             return sight(self._image(int(observation)), None)
         return sight(observation, self.observation_space)
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
+from gymnasium import spaces
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.cautious import CautiousLearner
@@ -32,6 +33,9 @@ Criterion = Literal["variance", "kolmogorov", "utility"]
 
 # What U-Tree grows by unless told: leaves are split on evidence, and their values solved.
 _GROWTH = Growth(significance=0.01, leaf_values="model", retries=0, fringe=2, patience=4)
+
+# Leaves at most where dimensions are continuous, unless told otherwise.
+_MOST_LEAVES = 32
 
 # Percepts from which on their leaves are found together.
 _MANY = 64
@@ -51,7 +55,8 @@ class UTree(CautiousLearner):
         history_of: beside the dimensions then, the "action", "state" or "pair" of an earlier step.
         names: of the dimensions, for drawings.
         growth: as for `QuasiStaticLearner`; unless given, splits must be significant at 0.01 and leaf
-            values are solved from memory.
+            values are solved from memory, and where dimensions are continuous the fringe is 1 and the
+            tree has 32 leaves at most.
         **settings: those of `CautiousLearner`, `QuasiStaticLearner` and `TableLearner`.
     """
 
@@ -81,6 +86,13 @@ class UTree(CautiousLearner):
                 {"now": self.dimensions, "before": RecalledVocabulary(self.dimensions, history)}
             )
         super().__init__(env, vocabulary, growth=growth, history=history, history_of=history_of, **settings)
+
+    def _setup_model(self) -> None:
+        space = self.observation_space
+        if self.growth == _GROWTH and isinstance(space, spaces.Box) and space.dtype.kind == "f":
+            # Pairs of thresholds are too many to try, and every percept is met once.
+            self.growth = replace(self.growth, fringe=1, max_leaves=_MOST_LEAVES)
+        super()._setup_model()
 
     def _make_percepts(self) -> Percepts:
         found = super()._make_percepts()

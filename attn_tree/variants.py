@@ -188,16 +188,12 @@ class Rehearsing(QuasiStaticLearner):
             chosen = questions[best]
             answers = np.array([self.vocabulary.answer(chosen, percept) for percept in percepts])
             if 0 < answers.sum() < len(answers):
-                self._chosen(chosen)
                 return chosen, answers
         return None
 
     def _shares(self, questions: Any, percepts: list[Any]) -> np.ndarray:
         """How far the answers of percepts are yes, `(P, Q)` in [0, 1]."""
         return np.array([self.vocabulary.answers(questions, percept) for percept in percepts], np.float32)
-
-    def _chosen(self, question: Question) -> None:
-        """Called when a question has been chosen."""
 
     def decide(self) -> tuple[Tree, np.ndarray]:
         """The tree and the values that the policy should use now: pruned, if asked for."""

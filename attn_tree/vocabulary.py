@@ -45,6 +45,10 @@ class Vocabulary(ABC):
             attempt: 0 at first, then 1, 2, … as long as no question offered separates the percepts.
         """
 
+    def chosen(self, question: Question) -> None:
+        """Called when a node is about to ask `question`: what it needs must be kept from now on."""
+        del question  # most questions need nothing kept
+
     @abstractmethod
     def answer(self, question: Question, percept: Any) -> int:
         """The answer to one question, reading through the percept."""

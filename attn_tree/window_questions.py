@@ -120,7 +120,7 @@ class WindowThresholds(WindowReading):
             for level in levels
         ]
 
-    def keep(self, question: Any) -> None:
+    def chosen(self, question: Any) -> None:
         """Remember the patch of a question that is asked from now on, forget the others drawn for it."""
         if question.kind == MATCH:
             self._kept[question.part] = question.x, question.y

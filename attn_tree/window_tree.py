@@ -27,7 +27,6 @@ import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.frames import Frame
-from attn_tree.tree.node import Question
 from attn_tree.tree.splitter import Summed
 from attn_tree.variants import Rehearsing
 from attn_tree.vision.jitter import SMALL, Jitter
@@ -95,9 +94,6 @@ class WindowTree(Rehearsing):
 
     def _shares(self, questions: Any, percepts: list[Any]) -> np.ndarray:
         return self.windows.shares(questions, percepts)
-
-    def _chosen(self, question: Question) -> None:
-        self.windows.keep(question)
 
     def _settings(self) -> dict[str, Any]:
         words = self.windows

@@ -174,6 +174,7 @@ def test_answers_tell_pairs_apart_and_a_split_state_answers_as_before() -> None:
     (question,) = vocabulary.candidates(tree.root, moments, np.random.default_rng(0), 0)
     before = [vocabulary.answer(question, moment) for moment in moments]
     assert len(set(before)) == 3 and NULL not in before
+    joint.chosen(Asked("history", question))
     tree.split(tree.root, Asked("sight", "anything"), {0: 1, 1: 1})
     assert [vocabulary.answer(question, moment) for moment in moments] == before
     assert vocabulary.answer(question, Moment(sight)) == NULL

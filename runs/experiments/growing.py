@@ -150,11 +150,43 @@ def figures(grown: Grown, horizon: int = 100, cost: bool = True) -> dict[str, An
         found |= {"leaves": tree.leaves, "depth": tree.depth, "nodes": tree.nodes}
         found |= {"sri": tree.sri, "entropy": tree.leaf_entropy, "grown": len(model.grown_tree.leaves)}
         found |= {"phases": model.phase, "phases_to_correct": grown.phases_to_correct}
-    if cost:
+    if cost and getattr(model, "history", 0) > 0:
+        found |= cost_while_playing(model, world, horizon)
+    elif cost:
         spent = pixel_cost(Subject(model, percepts_of(world, "index")), world.images.shape[1:3], False)
         found |= {"selection": spent.selection, "recognition": spent.recognition}
         found |= {"fraction": spent.fraction, "questions": spent.operations.get("questions", 0.0)}
     return found
+
+
+def cost_while_playing(model: Any, world: Any, horizon: int) -> dict[str, float]:
+    """What a decision of a model with memory reads, averaged over greedy episodes from every start.
+
+    For a world without chance that shows one image per state. Each decision is metered by itself, with
+    the memory that the episode has left.
+    """
+    from attn_tree.vision.retina import meter
+
+    spent = []
+    for start in np.flatnonzero(world.start):
+        state, memory, begin = int(start), None, True
+        for _ in range(horizon):
+            with meter() as cost:
+                action, memory = model.predict(
+                    np.array(world.views[state, 0]), memory, np.array([begin]), deterministic=True
+                )
+            asked = cost.operations.get("questions", 0)
+            spent.append((cost.selection, cost.recognition, cost.fraction, asked))
+            state, begin = int(world.next_state[state, int(action), 0]), False
+            if world.terminal[state]:
+                break
+    selection, recognition, fraction, questions = np.mean(spent, axis=0).tolist()
+    return {
+        "selection": selection,
+        "recognition": recognition,
+        "fraction": fraction,
+        "questions": questions,
+    }
 
 
 # Reading lines --------------------------------------------------------------------------------
