@@ -12,8 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
+import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
+
+from attn_tree.growth import is_whole
 
 Arguments = Sequence[Any]
 Change = Arguments | Callable[[VecEnv], Any]
@@ -24,7 +27,8 @@ class ReplaceViews(BaseCallback):
 
     Args:
         schedule: when -> what. What is either the arguments `(states, images)` of the
-            environment's method, or a function of the `VecEnv` that makes the change itself.
+            environment's method, whole numbers or sequences of them, or a function of the `VecEnv`
+            that makes the change itself. Of several images each of the states shows all.
         by: what "when" counts: "phase" the learner's `phase`, "num_timesteps" its steps.
         method: the environment's method.
         verbose: 1 tells of each change on the learner's logger.
@@ -38,8 +42,9 @@ class ReplaceViews(BaseCallback):
     the changes of its schedule.
 
     Raises:
-        ValueError: an empty schedule, a time that is no number of at least 0, `by` unknown;
-            when learning starts, a learner without phases or an environment without `method`.
+        ValueError: an empty schedule, a time that is no whole number of at least 0, a change that is
+            neither `(states, images)` nor a function, `by` unknown; when learning starts, a learner
+            without phases or an environment without `method`.
     """
 
     def __init__(
@@ -53,14 +58,21 @@ class ReplaceViews(BaseCallback):
         super().__init__(verbose)
         if by not in ("phase", "num_timesteps"):
             raise ValueError(f"by must be phase or num_timesteps, not {by!r}")
+        if not isinstance(schedule, Mapping):
+            raise ValueError(
+                f"schedule is of type {type(schedule).__name__}; expected {{20: (states, images)}}"
+            )
         if not schedule:
             raise ValueError("schedule is empty: say when to change what, {20: (states, images)}")
-        for when in schedule:
-            if isinstance(when, bool) or not isinstance(when, int) or when < 0:
+        for when, change in schedule.items():
+            if not is_whole(when, 0):
                 raise ValueError(f"schedule: {when!r} is no {by}; expected a whole number of at least 0")
+            _check_change(when, change, method)
         self.by, self.method = by, method
         self.made: list[tuple[int | None, int]] = []
-        self._pending = sorted(schedule.items(), key=lambda item: item[0])
+        self._pending = sorted(
+            ((int(when), change) for when, change in schedule.items()), key=lambda due: due[0]
+        )
 
     def _on_training_start(self) -> None:
         if self.by == "phase" and not hasattr(self.model, "phase"):
@@ -95,3 +107,33 @@ class ReplaceViews(BaseCallback):
             change(env)
             return
         env.env_method(self.method, *change)
+
+
+def _check_change(when: int, change: Any, method: str) -> None:
+    """Refuse what is neither a function nor arguments; those of other methods are not known here."""
+    if callable(change):
+        return
+    pair = "(states, images) or a function of the VecEnv"
+    if isinstance(change, (str, bytes, Mapping)) or not isinstance(change, Sequence):
+        raise ValueError(
+            f"schedule: the change at {when} is of type {type(change).__name__}; expected {pair}"
+        )
+    if method != "replace_view":
+        return
+    if len(change) != 2:
+        raise ValueError(f"schedule: the change at {when} has {len(change)} parts; expected {pair}")
+    for name, numbers in zip(("states", "images"), change, strict=True):
+        _check_numbers(f"schedule: {name} at {when} are", numbers)
+
+
+def _check_numbers(what: str, numbers: Any) -> None:
+    expected = "expected whole numbers of at least 0, one or a sequence of them"
+    try:
+        found = np.atleast_1d(np.asarray(numbers))
+    except ValueError:
+        raise ValueError(f"{what} sequences of different lengths; {expected}") from None
+    if found.ndim > 1:
+        raise ValueError(f"{what} an array of shape {found.shape}; {expected}: not images, but their numbers")
+    if not found.size or found.dtype.kind not in "iu" or found.min() < 0:
+        told = repr(numbers) if found.size <= 8 else f"{found.size} values of type {found.dtype}"
+        raise ValueError(f"{what} {told}; {expected}")

@@ -7,12 +7,13 @@ retina, so that a window which several of them want is read once, and the meter 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
 
+from attn_tree.growth import is_whole
 from attn_tree.learner import QuasiStaticLearner
 from attn_tree.vision.retina import metering
 
@@ -27,21 +28,27 @@ class Forest:
         vote: "majority" of their greedy actions, or the best "mean" of their action values.
 
     Raises:
-        ValueError: no trees, trees of different tasks or with a history, or another vote.
+        ValueError: no trees, other things than trees, trees of different tasks or with a history, or
+            another vote.
     """
 
     def __init__(self, trees: Sequence[QuasiStaticLearner], vote: Vote = "majority") -> None:
+        trees = _listed(trees, "trees", "a sequence of learners of trees: Forest([tree, …])")
         if not trees:
             raise ValueError("a forest needs at least one tree")
+        for number, tree in enumerate(trees):
+            _check_learner(tree, f"trees[{number}]")
         if vote not in ("majority", "mean"):
             raise ValueError(f"vote is {vote!r}; expected 'majority' or 'mean'")
         first = trees[0]
         for tree in trees:
             if (tree.observation_space, tree.action_space) != (first.observation_space, first.action_space):
                 raise ValueError("the trees of a forest must be of one task: their spaces differ")
+            if tree.vocabulary.senses != first.vocabulary.senses:
+                raise ValueError("the trees of a forest must all look at images, or all read values")
             if tree.history:
                 raise ValueError("a forest needs trees without a history")
-        self.trees, self.vote = list(trees), vote
+        self.trees, self.vote = trees, vote
         self.observation_space: spaces.Space[Any] = first.observation_space
         self.action_space: spaces.Space[Any] = first.action_space
 
@@ -60,8 +67,11 @@ class Forest:
             seeds: one per tree.
             steps: of each tree.
             vote: as for the forest.
+
+        Raises:
+            ValueError: `seeds` are no sequence, `build` makes something else, and as for the forest.
         """
-        return cls([build(seed).learn(steps) for seed in seeds], vote)
+        return cls([_built(build, seed).learn(steps) for seed in _seeds(seeds)], vote)
 
     @classmethod
     def rehearsed(
@@ -79,10 +89,14 @@ class Forest:
                 (`episodes_per_phase=1`).
             seeds: one per further tree.
             vote: as for the forest.
+
+        Raises:
+            ValueError: as for `grown`.
         """
+        _check_learner(first, "first")
         trees = [first]
-        for seed in seeds:
-            tree = build(seed)
+        for seed in _seeds(seeds):
+            tree = _built(build, seed)
             tree._memory.restore(first._memory.arrays())
             trees.append(tree.learn(1))
         return cls(trees, vote)
@@ -131,3 +145,41 @@ class Forest:
         batch, single = self.trees[0].policy._batched(observation)
         actions = self.action_values(batch).argmax(axis=1)
         return (actions[0] if single else actions), state
+
+
+def _listed(values: Any, name: str, expected: str) -> list[Any]:
+    """The members of a sequence."""
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
+        told = (
+            repr(values)
+            if isinstance(values, (str, bytes, int, float))
+            else f"of type {type(values).__name__}"
+        )
+        raise ValueError(f"{name} is {told}; expected {expected}")
+    return list(values)
+
+
+def _seeds(seeds: Any) -> list[int]:
+    found = _listed(seeds, "seeds", "one whole number per tree, such as range(3) for three trees")
+    for seed in found:
+        if not is_whole(seed, 0):
+            raise ValueError(f"seeds holds {seed!r}; expected whole numbers of at least 0, one per tree")
+    return [int(seed) for seed in found]
+
+
+def _built(build: Any, seed: int) -> QuasiStaticLearner:
+    if not callable(build):
+        raise ValueError(
+            f"build is of type {type(build).__name__}; expected a function of the seed that makes a learner: "
+            "lambda seed: STree(env, seed=seed)"
+        )
+    tree = build(seed)
+    _check_learner(tree, f"what build({seed}) made")
+    return tree
+
+
+def _check_learner(tree: Any, name: str) -> None:
+    if not isinstance(tree, QuasiStaticLearner):
+        raise ValueError(
+            f"{name} is of type {type(tree).__name__}; expected a learner of a tree, such as STree"
+        )

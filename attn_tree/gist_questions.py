@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from attn_tree.growth import from_fields, is_whole
 from attn_tree.tree.node import Node
 from attn_tree.vision.codebook import distances, kmeans_codebook, nearest_word
 from attn_tree.vision.gist import GistSettings, gist
@@ -39,12 +40,12 @@ class GistVocabulary(Vocabulary):
     """
 
     def __init__(self, clusters: int = 4, settings: GistSettings | Mapping[str, Any] | None = None) -> None:
-        if clusters < 2:
-            raise ValueError(f"clusters is {clusters}; a question needs two answers or more")
-        self.clusters = clusters
-        self.settings = (
-            GistSettings(**settings) if isinstance(settings, Mapping) else settings or GistSettings()
-        )
+        if not is_whole(clusters, 2):
+            raise ValueError(
+                f"clusters is {clusters!r}; a question needs two answers or more: expected a whole number"
+            )
+        self.clusters = int(clusters)
+        self.settings = from_fields(GistSettings, {} if settings is None else settings, "settings")
         self.prototypes: np.ndarray | None = None  # (k, D)
         self.thumbnails: np.ndarray | None = None  # (k, _PICTURE, _PICTURE, 3) uint8
 

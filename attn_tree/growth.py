@@ -2,8 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+Settings = TypeVar("Settings")
+
+
+def is_whole(value: Any, least: int) -> bool:
+    """Whether `value` is a whole number, Python's or NumPy's but no bool, of at least `least`."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= least)
+
+
+def is_number(value: Any) -> bool:
+    """Whether `value` is a real number, Python's or NumPy's, but no bool."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +47,9 @@ class Growth:
             differently on them ("utility", `tree.utility`).
         fringe: how many questions are looked at together where fewer do not help (`tree.fringe`).
         max_leaves: most leaves of the grown tree; None sets no limit.
+
+    Raises:
+        ValueError: a setting makes no sense.
     """
 
     mem_threshold: int = 20
@@ -59,7 +77,87 @@ class Growth:
         for name, allowed in choices.items():
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(allowed)}")
-        for name in ("mem_threshold", "memory_size", "patience", "fringe", "max_leaves"):
+        self._check_counts()
+        self._check_shares()
+        for name in ("cross_validated", "prune", "drop_dead"):
             value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; expected at least 1")
+            if not isinstance(value, (bool, np.bool_)):
+                raise ValueError(f"{name} is {value!r}; expected True or False")
+            object.__setattr__(self, name, bool(value))
+
+    def _check_counts(self) -> None:
+        least = {
+            "mem_threshold": 1,
+            "memory_size": 1,
+            "retries": 0,
+            "patience": 1,
+            "fringe": 1,
+            "max_leaves": 1,
+        }
+        for name, low in least.items():
+            value = getattr(self, name)
+            optional = name in ("patience", "max_leaves")
+            if value is None and optional:
+                continue
+            if not is_whole(value, low):
+                none = ", or None" if optional else ""
+                raise ValueError(f"{name} is {value!r}; expected a whole number of at least {low}{none}")
+            object.__setattr__(self, name, int(value))  # plain numbers, which files can hold
+
+    def _check_shares(self) -> None:
+        relative, aliasing, level = self.relative_threshold, self.aliasing_threshold, self.significance
+        if not is_number(relative) or not relative >= 0:
+            raise ValueError(
+                f"relative_threshold is {relative!r}; expected a share of the rewards of at least 0"
+            )
+        if aliasing is not None and (not is_number(aliasing) or not aliasing >= 0):
+            raise ValueError(
+                f"aliasing_threshold is {aliasing!r}; expected a variance of at least 0, or None to scale it "
+                "with the rewards"
+            )
+        if level is not None and (not is_number(level) or not 0 < level <= 1):
+            raise ValueError(
+                f"significance is {level!r}; expected a p-value in (0, 1], such as 0.05, or None for no test"
+            )
+        for name in ("relative_threshold", "aliasing_threshold", "significance"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else float(value))
+
+
+def from_fields(kind: type[Settings], value: Any, name: str) -> Settings:
+    """Settings given as such or by their fields.
+
+    Args:
+        kind: a dataclass.
+        value: one of these, or a mapping of its fields to values; those left out keep their defaults.
+        name: of the argument, for the message.
+
+    Raises:
+        ValueError: it is neither, a field is unknown, or a value makes no sense.
+    """
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} is {value!r}; expected a {kind.__name__} or its fields")
+    known = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    unknown = [key for key in value if key not in known]
+    if unknown:
+        raise ValueError(
+            f"{name} has no field {', '.join(map(repr, unknown))}; expected those of {kind.__name__}: "
+            f"{', '.join(known)}"
+        )
+    try:
+        return kind(**value)
+    except TypeError as error:  # a value of another type, where a class only compares
+        raise ValueError(f"{name}: {error}; expected values of the types of {kind()}") from None
+
+
+def as_growth(value: Growth | Mapping[str, Any] | None, default: Growth | None = None) -> Growth:
+    """A learner's `growth`: settings, their fields, or None for `default` (unless given, `Growth()`).
+
+    Raises:
+        ValueError: it is nothing of these, a field is unknown, or a value makes no sense.
+    """
+    if value is None:
+        return Growth() if default is None else default
+    return from_fields(Growth, value, "growth")

@@ -23,6 +23,9 @@ from attn_tree.vision.retina import Retina
 Sense = Literal["images", "values"]
 Sight = Retina | Gauge
 
+# Spaces of vectors, where their shape is (D,).
+_VECTORS = (spaces.Box, spaces.MultiDiscrete, spaces.MultiBinary)
+
 
 class Percepts(Protocol):
     """Numbers for percepts, and percepts for numbers."""
@@ -144,8 +147,8 @@ def percepts_for(
     if senses == "values":
         if not _is_vector(space):
             raise ValueError(
-                f"{who} reads values: observations must be Discrete, MultiDiscrete or a Box of numbers "
-                f"(D,), not {space}"
+                f"{who} reads values: observations must be Discrete, or MultiDiscrete, MultiBinary or a Box "
+                f"of numbers, each of shape (D,), not {_told(space)}" + _instead(space)
             )
         return SeenPercepts(space)
     if isinstance(space, spaces.Box) and is_image_space(space, check_channels=False):
@@ -153,7 +156,8 @@ def percepts_for(
     if not isinstance(space, spaces.Discrete):
         raise ValueError(
             f"{who} looks at images: observations must be uint8 images (H, W, C), "
-            f"or numbers into the bank of an environment, not {space}"
+            f"or numbers into the bank of an environment, not {_told(space)}"
+            + ("; UTree reads such vectors" if _is_vector(space) else "")
         )
     if env is None:
         return BankPercepts(np.empty((0, 1, 1, 3), np.uint8))
@@ -161,15 +165,27 @@ def percepts_for(
         return BankPercepts(env.get_attr("bank")[0])
     except AttributeError:
         raise ValueError(
-            f"observations are {space} but the environment has no `bank` of images: "
-            "use an environment whose observations are images"
+            f"{who} looks at images: observations are {space} but the environment has no `bank` of images; "
+            "use an environment whose observations are images, or UTree, which reads such numbers"
         ) from None
 
 
 def _is_vector(space: spaces.Space[Any]) -> bool:
-    if isinstance(space, spaces.Box):
+    if isinstance(space, _VECTORS):
         return len(space.shape) == 1
-    return isinstance(space, spaces.Discrete | spaces.MultiDiscrete | spaces.MultiBinary)
+    return isinstance(space, spaces.Discrete)
+
+
+def _instead(space: spaces.Space[Any]) -> str:
+    """What to do about observations that are no vectors."""
+    if isinstance(space, spaces.Box) and is_image_space(space, check_channels=False):
+        return "; STree, WindowTree and RLVC look at images"
+    return "; flatten them" if isinstance(space, _VECTORS) else ""
+
+
+def _told(space: spaces.Space[Any]) -> str:
+    """A space in one line."""
+    return " ".join(str(space).split())
 
 
 def sight(observation: np.ndarray, space: spaces.Space[Any] | None) -> Sight:

@@ -21,6 +21,7 @@ import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.gist_questions import GistVocabulary
+from attn_tree.growth import is_whole
 from attn_tree.joint import JointVocabulary
 from attn_tree.learner import QuasiStaticLearner
 from attn_tree.tree.node import Node
@@ -210,6 +211,9 @@ class STree(QuasiStaticLearner):
         gist: kinds of scene that one coarse look tells apart at the root, before any saccade
             (8.3.1); 0 for no such look.
         **settings: those of `QuasiStaticLearner` and `TableLearner`.
+
+    Raises:
+        ValueError: a setting makes no sense.
     """
 
     def __init__(
@@ -225,7 +229,9 @@ class STree(QuasiStaticLearner):
         **settings: Any,
     ) -> None:
         self.saccades = SaccadeVocabulary(radius, codewords, candidates, feature, places)
-        self.gist = gist
+        if not is_whole(gist, 0) or gist == 1:
+            raise ValueError(f"gist is {gist!r}; expected 0 for none, or a whole number of at least 2")
+        self.gist = int(gist)
         vocabulary: Vocabulary = self.saccades
         if gist:
             parts: dict[str, Vocabulary] = {"gist": GistVocabulary(gist), "sight": self.saccades}

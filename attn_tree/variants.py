@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
-from attn_tree.growth import Growth
+from attn_tree.growth import Growth, as_growth, from_fields, is_number, is_whole
 from attn_tree.learner import QuasiStaticLearner
 from attn_tree.memory import Transitions
 from attn_tree.percepts import Percepts
@@ -124,16 +124,19 @@ class Rehearsing(QuasiStaticLearner):
         growth: Growth | dict[str, Any] | None = None,
         **settings: Any,
     ) -> None:
-        if copies < 0 or rounds < 1:
-            raise ValueError(f"copies is {copies} and rounds {rounds}; expected at least 0 and at least 1")
+        if not is_whole(copies, 0) or not is_whole(rounds, 1):
+            raise ValueError(
+                f"copies is {copies!r} and rounds {rounds!r}; expected whole numbers of at least 0 and 1"
+            )
+        if not is_number(least) or not least >= 0:
+            raise ValueError(f"least is {least!r}; expected a number of percepts and copies, at least 0")
         if settings.get("history"):
             raise ValueError("jittered copies of a history are not defined; use history=0")
         if summed not in ("deviation", "variance", None):
             raise ValueError(f"summed is {summed!r}; expected 'deviation', 'variance' or None")
         self.copies, self.summed, self.least, self.rounds = copies, summed, least, rounds
-        self.jitter = Jitter(**jitter) if isinstance(jitter, dict) else jitter
-        if growth is None:
-            growth = Growth(memory_size=1_000_000, leaf_values="model", patience=1, retries=2)
+        self.jitter = from_fields(Jitter, jitter, "jitter")
+        growth = as_growth(growth, Growth(memory_size=1_000_000, leaf_values="model", patience=1, retries=2))
         super().__init__(env, *args, growth=growth, **settings)
 
     # Jittered memories ------------------------------------------------------------------

@@ -7,13 +7,14 @@ value to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from attn_tree.frames import FRAMES, Frame, anchors
+from attn_tree.growth import is_whole
 from attn_tree.vision.retina import Retina
 from attn_tree.vision.window_features import (
     CHANNELS,
@@ -68,6 +69,9 @@ class WindowReading(Vocabulary):
         frame: "image", "salient" or "keypoint".
         anchors: b, anchors in an image (not with "image").
         resolution: at which anchors are looked for.
+
+    Raises:
+        ValueError: a setting makes no sense; when percepts are met, a window is larger than the image.
     """
 
     def __init__(
@@ -90,8 +94,11 @@ class WindowReading(Vocabulary):
         for name, value, allowed in (("questions", kinds, KINDS), ("frame", frame, FRAMES)):
             if value not in allowed:
                 raise ValueError(f"{name} is {value!r}; expected {', '.join(map(repr, allowed))}")
-        if not sizes or any(size < 2 or size % 2 for size in sizes):
-            raise ValueError(f"sizes are {tuple(sizes)}; expected even sides of windows, at least 2 pixels")
+        if isinstance(sizes, str) or not isinstance(sizes, Iterable):
+            raise ValueError(f"sizes is {sizes!r}; expected a sequence of sides of windows, such as (8, 16)")
+        sizes = tuple(sizes)
+        if not sizes or any(not is_whole(size, 2) or size % 2 for size in sizes):
+            raise ValueError(f"sizes are {sizes}; expected even sides of windows, at least 2 pixels")
         counts = {"samples": samples, "candidates": candidates, "matches": matches, "levels": levels}
         counts |= {"stride": stride, "anchors": anchors}
         for name, count in counts.items():
@@ -211,6 +218,11 @@ class WindowReading(Vocabulary):
         """`(G, 2)` int, the places in the frame that are asked about."""
         size = percept.width, percept.height
         if self._grid_of != size:
+            if max(self.sizes) > min(size):
+                raise ValueError(
+                    f"sizes are {self.sizes}, but the image has {size[0]} × {size[1]} pixels; "
+                    f"expected windows with sides of at most {min(size)} pixels"
+                )
             step, half = max(2, max(size) // 26), min(self.sizes) // 2
             axes = [
                 np.arange(half, side - half + 1, step)

@@ -26,7 +26,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.growth import Growth
 from attn_tree.learner import QuasiStaticLearner
-from attn_tree.percepts import as_image
+from attn_tree.percepts import as_image, percepts_for
 from attn_tree.q_learning import TableLearner
 from attn_tree.rlvc import FeatureVocabulary
 from attn_tree.tree.node import Node
@@ -89,6 +89,11 @@ class ThumbnailNearest(ThumbnailQ):
         self.colours = colours
         self._codes = np.empty((0, 0))
         super().__init__(env, size=size, levels=256, **settings)
+
+    def _setup_model(self) -> None:
+        # Refuses, by name, observations that are no images.
+        percepts_for(self.observation_space, self.env, type(self).__name__)
+        super()._setup_model()
 
     def _thumbnail(self, retina: Retina) -> bytes:
         return _thumbnail(retina, self.size).tobytes()

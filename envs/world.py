@@ -268,16 +268,20 @@ class World:
         The bank stays as it is, so that numbers of images keep their meaning for whoever
         learns from them: make a world with room (`unused_images`) for the images to come.
 
+        Every one of `states` shows every one of `images`: `replace_view([0, 1], [4, 5])` lets both
+        states show 4 or 5, by chance, and does not pair 0 with 4 and 1 with 5. For that,
+        change one state after the other: `replace_view(0, 4).replace_view(1, 5)`.
+
         Args:
             states: one or several; `world.sharing(state)` for all that look like one.
-            images: numbers in the bank that they show from now on, all equally likely.
+            images: numbers in the bank, one or several, that each of the states shows from now on, all
+                equally likely.
 
         Raises:
-            ValueError: an unknown state or image.
+            ValueError: an unknown state or image, or images themselves instead of their numbers.
         """
-        chosen, shown = self._known(states), np.atleast_1d(np.asarray(images, dtype=np.int64))
-        if shown.ndim != 1 or not len(shown) or shown.min() < 0 or shown.max() >= self.n_images:
-            raise ValueError(f"images must be numbers in the bank, 0…{self.n_images - 1}, not {images}")
+        chosen = self._known(states)
+        shown = _numbers(images, self.n_images, f"images must be numbers in the bank, 0…{self.n_images - 1}")
         width = max(self.views.shape[1], len(shown))
         views = np.pad(self.views, ((0, 0), (0, width - self.views.shape[1])), mode="edge")
         views[chosen] = np.pad(shown, (0, width - len(shown)), mode="edge")
@@ -287,10 +291,26 @@ class World:
 
     def _known(self, states: int | Sequence[int] | np.ndarray) -> np.ndarray:
         """`states` as distinct numbers."""
-        chosen = np.unique(np.atleast_1d(np.asarray(states, dtype=np.int64)))
-        if not len(chosen) or chosen[0] < 0 or chosen[-1] >= self.n_states:
-            raise ValueError(f"states must be numbers in 0…{self.n_states - 1}, not {states}")
-        return chosen
+        expected = f"states must be numbers in 0…{self.n_states - 1}"
+        return np.unique(_numbers(states, self.n_states, expected))
+
+
+def _numbers(values: ArrayLike, count: int, expected: str) -> np.ndarray:
+    """One or several whole numbers below `count`, as an array `(n,)`.
+
+    Raises:
+        ValueError: they are something else; in one line, whatever was given.
+    """
+    try:
+        found = np.atleast_1d(np.asarray(values))
+    except ValueError:
+        raise ValueError(f"{expected}, not sequences of different lengths") from None
+    if found.ndim > 1:
+        raise ValueError(f"{expected}, one or a sequence of them, not an array of shape {found.shape}")
+    if not found.size or found.dtype.kind not in "iu" or found.min() < 0 or found.max() >= count:
+        told = f"{values!r}" if found.size <= 8 else f"{found.size} values of type {found.dtype}"
+        raise ValueError(f"{expected}, all of them whole, not {told}")
+    return found.astype(np.int64)
 
 
 def _cdf(probability: np.ndarray) -> np.ndarray:

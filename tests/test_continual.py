@@ -90,3 +90,38 @@ def test_a_schedule_that_cannot_be_kept_is_refused_in_one_line() -> None:
         TableLearner(env).learn(10, callback=ReplaceViews({1: (cell, new)}))
     with pytest.raises(ValueError, match="no method 'replace_view'"):
         TableLearner(Corridor()).learn(10, callback=ReplaceViews({1: (0, 1)}, by="num_timesteps"))
+
+
+def test_changes_that_are_none_are_refused_before_learning_starts() -> None:
+    ReplaceViews({np.int64(3): (np.int64(1), np.array([2])), 4: (range(3), 1), 5: print})
+    ReplaceViews({1: ("anything",)}, method="another")
+    image = np.zeros((64, 64, 3), np.uint8)
+    for change, message in [
+        (5, "change at 1 is of type int"),
+        (([0],), "change at 1 has 1 parts"),
+        (("a", [1]), "states at 1 are 'a'"),
+        ((1.5, 0), "states at 1 are 1.5"),
+        ((0, [True]), "images at 1 are"),
+        ((0, []), "images at 1 are"),
+        (([0, [1, 2]], 0), "different lengths"),
+        ((0, [image, image]), r"array of shape \(2, 64, 64, 3\)"),
+    ]:
+        with pytest.raises(ValueError, match=message) as caught:
+            ReplaceViews({1: change})
+        assert "\n" not in str(caught.value)
+
+
+def test_a_world_is_told_numbers_of_views_in_one_line() -> None:
+    env, _, new = grid(n_envs=1)
+    world = env.get_attr("world")[0]
+    both = world.replace_view([0, 1], [new, 0])  # each of them shows both
+    assert [set(both.views[state, :2].tolist()) for state in (0, 1)] == [{new, 0}] * 2
+    for states, images, message in [
+        (1.5, 0, "states must be numbers in .* all of them whole, not 1.5"),
+        (0, np.zeros((64, 64, 3), np.uint8), r"images must be .* not an array of shape \(64, 64, 3\)"),
+        (0, np.zeros(999), "not 999 values of type float64"),
+        (0, [0, [1, 2]], "different lengths"),
+    ]:
+        with pytest.raises(ValueError, match=message) as caught:
+            world.replace_view(states, images)
+        assert "\n" not in str(caught.value)

@@ -55,3 +55,15 @@ def test_mistakes_are_named() -> None:
         Forest([])
     with pytest.raises(ValueError, match="majority"):
         Forest([learned(copies=0)], "veto")
+    tree = learned(copies=0)
+    for mistake, message in (
+        (lambda: Forest(tree), "trees is of type WindowTree; expected a sequence"),
+        (lambda: Forest("abc"), "trees is 'abc'; expected a sequence"),
+        (lambda: Forest([tree, object()]), r"trees\[1\] is of type object; expected a learner"),
+        (lambda: Forest.grown(lambda seed: tree, 3, 10), r"seeds is 3; expected .* such as range\(3\)"),
+        (lambda: Forest.grown(lambda seed: None, [3], 10), r"build\(3\) made is of type NoneType"),
+        (lambda: Forest.grown(tree, [3], 10), "build is of type WindowTree; expected a function"),
+        (lambda: Forest.rehearsed([tree], lambda seed: tree, [3]), "first is of type list"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            mistake()
