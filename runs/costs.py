@@ -2,7 +2,9 @@
 
 Pixel figures are means over the state–view pairs of the world (each non-terminal state
 with each of its views), as counted by `attn_tree.vision.retina.meter`: no method reports
-a number of its own. Times are of a batch of one on one thread, caches off (the meter
+a number of its own. What a model with memory decides on depends on what it did before: its
+means are over the decisions of greedy episodes, each metered by itself, with the memory that
+the episode has left. Times are of a batch of one on one thread, caches off (the meter
 turns them off), the methods taking turns in one process so that machine noise hits all
 alike. Multiply–accumulates are those of the layers that hold weights.
 """
@@ -21,6 +23,7 @@ import torch
 
 from attn_tree.vision.retina import Meter, meter
 from baselines.macs import count_macs
+from runs.evaluation import Percept, apart, beginnings, play
 
 DECISIONS = 100  # timed decisions of each method
 BUDGET_S = 30.0  # seconds for all methods together, once each has taken FEWEST decisions
@@ -30,7 +33,7 @@ WARM_UP = 3
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A model and what it may be shown: one observation for each state–view pair."""
+    """A model and what it may be shown: one observation for each state–view pair, or `Percept`s."""
 
     model: Any
     percepts: Sequence[Any]
@@ -69,11 +72,31 @@ def percepts_of(world: Any, mode: str) -> list[Any]:
     return [shown(*pair) for pair in pairs]
 
 
+def percepts_while_playing(model: Any, world: Any, mode: str, horizon: int) -> list[Percept]:
+    """What a model with memory decides on in greedy episodes, one from each beginning.
+
+    Args:
+        model: anything with SB3's `predict`.
+        world: an `envs.world.World`; what it leaves to chance is drawn, the same at each call.
+        mode: `"index"` or `"pixels"`.
+        horizon: time limit in steps.
+    """
+    rng = np.random.default_rng(0)
+    found: list[Percept] = []
+    for begin in beginnings(world):
+        found += [step.percept for step in play(model, world, mode, begin, horizon, rng)]
+    return found
+
+
 def decide(model: Any, observation: Any) -> tuple[Meter, float]:
-    """One cold decision: what it read, and the milliseconds it took."""
+    """One cold decision on an observation or a `Percept`: what it read, and the milliseconds it took."""
+    memory: dict[str, Any] = {}
+    if isinstance(observation, Percept):
+        memory = {"state": apart(observation.state), "episode_start": observation.episode_start}
+        observation = observation.observation
     start = time.perf_counter_ns()
     with meter() as cost:
-        model.predict(np.asarray(observation), deterministic=True)
+        model.predict(np.asarray(observation), **memory, deterministic=True)
     return cost, (time.perf_counter_ns() - start) / 1e6
 
 
@@ -103,8 +126,9 @@ def pixel_cost(subject: Subject, image_shape: Sequence[int], network: bool) -> P
 def decision_times(subjects: Mapping[str, Subject], rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Cold milliseconds of decisions, by name, the subjects taking turns on the same percepts.
 
-    A round shows all of them the same state–view pair; the order of turns rotates. Stops
-    after `DECISIONS` rounds, or `BUDGET_S` seconds once `FEWEST` rounds are done.
+    A round shows all of them the same state–view pair, one with memory a decision of its own
+    episodes; the order of turns rotates. Stops after `DECISIONS` rounds, or `BUDGET_S` seconds
+    once `FEWEST` rounds are done.
     """
     pin_threads()
     names = list(subjects)

@@ -2,8 +2,10 @@
 
 A `World` is a finite decision process, so a policy's return, length, average reward and
 correct-policy rate follow from its table of actions by image. This holds for every method
-of the study, whose policies depend on the present percept alone. In an environment that
-is not one of ours returns are sampled instead.
+of the study whose policy depends on the present percept alone. A model that remembers
+(`history` steps) is scored in the world of its windows (`envs.memory`), as exactly; where
+that has more than `MOST_STATES` states, episodes are sampled, as they are in an environment
+that is not one of ours.
 
 The state reduction index (thesis eq. 7.15, 8.14) is computed over every view the world has
 of a cell, training and held-out; deviations: (1) variance is the unbiased one (the thesis
@@ -15,25 +17,63 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from attn_tree.history import Moment
+
 if TYPE_CHECKING:
+    from envs.memory import Remembered
     from envs.world import World
 
 CHUNK = 64  # images decided at once
+MOST_STATES = 3_000  # of a world of windows that is scored exactly: its matrices are dense
+SAMPLED_EPISODES = 50  # where it has more
 
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Exact figures of a policy in a world, over the world's time limit."""
+    """Figures of a policy in a world, over the world's time limit; exact unless sampled.
+
+    `correct_policy_rate` is over the pairs of a state and what may be perceived in it; None if sampled.
+    """
 
     return_mean: float
     return_discounted: float
     steps_mean: float
     average_reward: float  # expectation of an episode's reward over its length (thesis)
-    correct_policy_rate: float
+    correct_policy_rate: float | None
+
+
+def scores(
+    model: Any, world: World, mode: str, gamma: float, horizon: int, own: bool = True
+) -> Scores | None:
+    """The scores of a model, with its memory if it has one.
+
+    Args:
+        model: anything with SB3's `predict`; greedy unless it has `action_probabilities`.
+        world: the world.
+        mode: `"index"`, `"pixels"` or `"state"`, how the model observes.
+        gamma: discount of `return_discounted` and of the optimal policy to agree with.
+        horizon: time limit in steps.
+        own: whether the world's images are those that the model's indices mean.
+
+    Returns:
+        None for a model with memory in a world that is not its own: windows are of its own bank.
+    """
+    if mode == "state":
+        table = state_table(model, world.n_states, world.n_actions)
+        return score(world, table, gamma, horizon, by_state=True)
+    if not remembers(model):
+        return score(world, policy_table(model, world, mode, own), gamma, horizon)
+    if not own:
+        return None
+    if mode != "index" or _states_of_windows(world, model.history) > MOST_STATES:
+        return _sampled(model, world, mode, gamma, horizon)
+    perceived, actions = as_decided(model, world)
+    return score(perceived, np.eye(world.n_actions)[actions], gamma, horizon)
 
 
 def score(world: World, policy: np.ndarray, gamma: float, horizon: int, by_state: bool = False) -> Scores:
@@ -81,6 +121,128 @@ def _episode(
         average += float(earned[world.terminal].sum()) / t
         alive, earned = alive * going, earned * going
     return mean, discounted, steps, average + float(earned.sum()) / horizon
+
+
+def remembers(model: Any) -> bool:
+    """Whether a model's decisions depend on earlier steps."""
+    return getattr(model, "history", 0) > 0
+
+
+def as_decided(model: Any, world: World) -> tuple[World, np.ndarray]:
+    """A world as a model perceives it, and the model's greedy actions by what it perceives.
+
+    For a model without memory the world itself, whose images are the model's own; for one that
+    remembers, the world of its windows (`envs.memory`).
+    """
+    if remembers(model):
+        remembered = _with_memory(world, model.history)
+        return remembered.world, model.window_actions(remembered.windows)
+    actions, _ = model.predict(np.arange(world.n_images), deterministic=True)
+    return world, np.asarray(actions, int)
+
+
+@lru_cache(maxsize=1)  # a run asks for the same one at each evaluation
+def _with_memory(world: World, depth: int) -> Remembered:
+    from envs.memory import with_memory
+
+    return with_memory(world, depth)
+
+
+def _states_of_windows(world: World, depth: int) -> float:
+    """At most so many pairs of a state and a window of `depth` steps may arise."""
+    follows = np.zeros((world.n_states, world.n_states))
+    for state in np.flatnonzero(~world.terminal):
+        for action in range(world.n_actions):
+            follows[
+                state, np.unique(world.next_state[state, action][world.probability[state, action] > 0])
+            ] += 1
+    views = np.array([len(np.unique(seen)) for seen in views_by_state(world)], float)
+    ending, total = views, float(views[world.start > 0].sum())
+    for _ in range(depth):
+        ending = (ending @ follows) * views
+        total += float(ending.sum())
+    return total
+
+
+class Percept(NamedTuple):
+    """What a model with memory decides on: an observation, and SB3's `state` and `episode_start`.
+
+    `state` may hold what earlier decisions found out: it is known by then.
+    """
+
+    observation: Any
+    state: Any
+    episode_start: np.ndarray
+
+
+class Step(NamedTuple):
+    """A decision of an episode, and the reward it got."""
+
+    percept: Percept
+    reward: float
+
+
+def play(
+    model: Any, world: World, mode: str, begin: tuple[int, int], horizon: int, rng: np.random.Generator
+) -> Iterator[Step]:
+    """The steps of one greedy episode, the model's memory handed on.
+
+    Args:
+        model: anything with SB3's `predict`.
+        world: where it plays.
+        mode: `"index"` or `"pixels"`, how it observes.
+        begin: the state that the episode begins in, and the image that it shows.
+        horizon: time limit in steps.
+        rng: draws what is left to chance.
+    """
+    (state, image), memory, first = begin, None, True
+    for _ in range(horizon):
+        observation = np.array(image) if mode == "index" else world.images[image]
+        percept = Percept(observation, apart(memory), np.array([first]))
+        action, memory = model.predict(observation, memory, percept.episode_start, deterministic=True)
+        branch = int((world.successor_cdf[state, int(action)] <= rng.random()).sum())
+        yield Step(percept, float(world.reward[state, int(action), branch]))
+        state, first = int(world.next_state[state, int(action), branch]), False
+        if world.terminal[state]:
+            return
+        image = int(world.views[state, rng.integers(world.n_views[state])])
+
+
+def apart(state: Any) -> Any:
+    """A copy of the `state` of a model that remembers: what later decisions find out about the past stays
+    out of it. Any other state is given back as it is."""
+    if not isinstance(state, tuple) or not all(isinstance(part, np.ndarray) for part in state):
+        return state
+    parts = [part.copy() for part in state]
+    for part in parts:
+        if part.dtype.kind == "O":
+            part[:] = [_apart(moment) for moment in part]
+    return tuple(parts)
+
+
+def _apart(moment: Moment) -> Moment:
+    sight = moment.sight.carried(moment.ledger)
+    sight.computed = dict(sight.computed)
+    before = None if moment.before is None else _apart(moment.before)
+    return Moment(sight, before, moment.action)
+
+
+def beginnings(world: World) -> list[tuple[int, int]]:
+    """Where episodes may begin: each first state with each image it may show."""
+    return [(int(s), int(image)) for s in np.flatnonzero(world.start) for image in views_by_state(world)[s]]
+
+
+def _sampled(model: Any, world: World, mode: str, gamma: float, horizon: int) -> Scores:
+    """Means over `SAMPLED_EPISODES` greedy episodes, the same draws at each call."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for _ in range(SAMPLED_EPISODES):
+        state = int(rng.choice(world.n_states, p=world.start))
+        begin = state, int(world.views[state, rng.integers(world.n_views[state])])
+        rewards = np.array([step.reward for step in play(model, world, mode, begin, horizon, rng)])
+        discounted = float(rewards @ gamma ** np.arange(len(rewards)))
+        rows.append((rewards.sum(), discounted, len(rewards), rewards.mean()))
+    return Scores(*np.mean(rows, axis=0).tolist(), correct_policy_rate=None)
 
 
 def policy_table(model: Any, world: World, mode: str, own: bool) -> np.ndarray:
@@ -143,13 +305,13 @@ def _bank_modules(model: Any) -> list[Any]:
 
 @dataclass(frozen=True, slots=True)
 class TreeFigures:
-    """What a tree looks like; leaf figures are over all views of a cell."""
+    """What a tree looks like; leaf figures are over all views of a cell, None where memory decides too."""
 
     depth: float
     leaves: int
     nodes: int
-    sri: float
-    leaf_entropy: float
+    sri: float | None
+    leaf_entropy: float | None
 
 
 def tree_figures(model: Any, worlds: Sequence[World]) -> TreeFigures | None:
@@ -162,19 +324,16 @@ def tree_figures(model: Any, worlds: Sequence[World]) -> TreeFigures | None:
     tree = getattr(model, "tree", None)
     if tree is None:
         return None
+    size = float(tree.depth), len(tree.leaves), len(tree.nodes)
+    if remembers(model):  # the views of a cell are not all that the leaf depends on
+        return TreeFigures(*size, None, None)
     views = [views_by_state(world) for world in worlds]
     numbers = [leaf_numbers(model, world.images) for world in worlds]
     cells = [
         np.concatenate([n[v[s]] for n, v in zip(numbers, views, strict=True)])
         for s in np.flatnonzero(~worlds[0].terminal)
     ]
-    return TreeFigures(
-        float(tree.depth),
-        len(tree.leaves),
-        len(tree.nodes),
-        state_reduction_index(cells),
-        leaf_entropy(cells),
-    )
+    return TreeFigures(*size, state_reduction_index(cells), leaf_entropy(cells))
 
 
 def leaf_numbers(model: Any, images: np.ndarray) -> np.ndarray:

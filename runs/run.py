@@ -24,7 +24,15 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.logger import configure
 
 from runs import cli, drawing, evaluation, models, record
-from runs.costs import Subject, decision_times, percepts_of, pin_threads, pixel_cost
+from runs.costs import (
+    Subject,
+    decision_times,
+    percepts_of,
+    percepts_while_playing,
+    pin_threads,
+    pixel_cost,
+)
+from runs.evaluation import Percept, apart, beginnings, play, remembers
 from runs.methods import METHODS, Method
 from runs.study import Cell
 from runs.tensorboard import StudyCallback, write_summary
@@ -40,6 +48,8 @@ def make_env(method: Method, env: str, settings: Mapping[str, Any], n_envs: int,
     if is_ours(env):
         if "builder" in settings:  # names code to call, and settings may come from a file
             raise ValueError("'builder' is fixed by the environment's id and cannot be set")
+        if "obs" in settings:
+            raise ValueError(f"obs is set by the method ({method.name}: obs='{method.obs}'): leave it out")
         return make_vec(env, n_envs=n_envs, seed=seed, obs=method.obs, **settings)
     return make_vec(env, n_envs=n_envs, seed=seed, **settings)
 
@@ -146,31 +156,29 @@ def _worlds(env: Any) -> list[Any]:
     return [world for world in worlds if world is not None]
 
 
-def _scores(
-    model: Any, world: Any, method: Method, gamma: float, horizon: int, own: bool
-) -> evaluation.Scores:
-    if method.obs == "state":
-        table = evaluation.state_table(model, world.n_states, world.n_actions)
-    else:
-        table = evaluation.policy_table(model, world, method.obs, own)
-    return evaluation.score(world, table, gamma, horizon, by_state=method.obs == "state")
-
-
 def _callback(cell: Cell, method: Method, env: Any) -> StudyCallback:
     worlds = _worlds(env)
 
     def evaluate(model: Any) -> dict[str, float]:
         if not worlds:
             return {}
-        scores = _scores(model, worlds[0], method, cell.gamma, env.get_attr("max_episode_steps")[0], True)
-        return {
-            "return_mean": scores.return_mean,
-            "steps_mean": scores.steps_mean,
-            "correct_policy_rate": scores.correct_policy_rate,
-        }
+        horizon = env.get_attr("max_episode_steps")[0]
+        found = evaluation.scores(model, worlds[0], method.obs, cell.gamma, horizon)
+        assert found is not None  # in its own world every model has scores
+        figures = {"return_mean": found.return_mean, "steps_mean": found.steps_mean}
+        if found.correct_policy_rate is not None:
+            figures["correct_policy_rate"] = found.correct_policy_rate
+        return figures
 
-    percept = percepts_of(worlds[0], method.obs)[0] if worlds else None
-    return StudyCallback(evaluate, cell.steps // cell.evaluations, percept)
+    def percept(model: Any) -> Any:
+        if not remembers(model):
+            return percepts_of(worlds[0], method.obs)[0]
+        first = beginnings(worlds[0])[0]  # an episode far enough for the memory to be full
+        return list(play(model, worlds[0], method.obs, first, model.history + 1, np.random.default_rng(0)))[
+            -1
+        ].percept
+
+    return StudyCallback(evaluate, cell.steps // cell.evaluations, percept if worlds else None)
 
 
 def _extra_callbacks(cell: Cell) -> list[Any]:
@@ -204,15 +212,17 @@ def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
             run.tree_depth, run.tree_leaves, run.tree_nodes = tree.depth, len(tree.leaves), len(tree.nodes)
         return run
     horizon = env.get_attr("max_episode_steps")[0]
-    seen = _scores(model, worlds[0], method, cell.gamma, horizon, True)
+    seen = evaluation.scores(model, worlds[0], method.obs, cell.gamma, horizon)
+    assert seen is not None  # in its own world every model has scores
     run.return_mean, run.return_discounted = seen.return_mean, seen.return_discounted
     run.return_optimal = worlds[0].optimal_return(horizon, cell.gamma)
     run.steps_mean, run.average_reward = seen.steps_mean, seen.average_reward
     run.correct_policy_rate = seen.correct_policy_rate
     if len(worlds) > 1 and method.obs != "state":
-        heldout = _scores(model, worlds[1], method, cell.gamma, horizon, False)
-        run.return_mean_heldout = heldout.return_mean
-        run.correct_policy_rate_heldout = heldout.correct_policy_rate
+        heldout = evaluation.scores(model, worlds[1], method.obs, cell.gamma, horizon, own=False)
+        if heldout is not None:
+            run.return_mean_heldout = heldout.return_mean
+            run.correct_policy_rate_heldout = heldout.correct_policy_rate
     figures = evaluation.tree_figures(model, worlds)
     if figures is not None:
         run.tree_depth, run.tree_leaves, run.tree_nodes = figures.depth, figures.leaves, figures.nodes
@@ -224,15 +234,20 @@ def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
 
 
 def _percepts(env: Any, method: Method, model: Any) -> list[Any]:
-    """One observation for each state–view pair; where there is no World, those of a walk."""
+    """What decisions are measured on: an observation for each state–view pair, or the percepts of
+    greedy episodes if the model remembers; where there is no World, those of a walk."""
     worlds = _worlds(env)
+    if worlds and remembers(model):
+        return percepts_while_playing(model, worlds[0], method.obs, env.get_attr("max_episode_steps")[0])
     if worlds:
         return percepts_of(worlds[0], method.obs)
-    shown, observation = [], env.reset()
+    shown: list[Any] = []
+    observation, state, starts = env.reset(), None, np.ones(1, bool)
     for _ in range(50):
-        shown.append(np.array(observation[0]))
-        actions, _ = model.predict(observation, deterministic=False)
-        observation = env.step(actions)[0]
+        seen = np.array(observation[0])
+        shown.append(seen if state is None else Percept(seen, apart(state), starts))
+        actions, state = model.predict(observation, state, starts, deterministic=False)
+        observation, _, starts, _ = env.step(actions)
     return shown
 
 
@@ -248,7 +263,10 @@ def _draw(model: Any, method: Method, env: Any, folder: Path) -> None:
     if worlds and method.obs != "state" and method.name != "Random":
         met = list(dict.fromkeys(percepts_of(worlds[0], "index")))[:5]
         images = [worlds[0].images[image] for image in met]
-        shown = met if method.obs == "index" else images
+        shown: list[Any] = met if method.obs == "index" else images
+        if remembers(model):
+            shown = _percepts(env, method, model)[:5]
+            images = [worlds[0].images[int(percept.observation)] for percept in shown]
         strip = drawing.gaze_strip(model, images, shown)
         if strip is not None:
             drawing.write_png(folder / "gaze.png", strip)

@@ -33,7 +33,7 @@ class StudyCallback(BaseCallback):
         evaluate: model → figures, among them `return_mean` and, in a world of ours,
             `correct_policy_rate`.
         every: environment steps between evaluations.
-        percept: the observation that a decision's cost is measured on, or None.
+        percept: model → what its decision's cost is measured on (see `runs.costs.decide`), or None.
 
     Attributes:
         curve: one entry per evaluation, the figures and `steps`.
@@ -43,7 +43,7 @@ class StudyCallback(BaseCallback):
         cpu_s, wall_s: time spent in here.
     """
 
-    def __init__(self, evaluate: Evaluate, every: int, percept: Any = None) -> None:
+    def __init__(self, evaluate: Evaluate, every: int, percept: Callable[[Any], Any] | None = None) -> None:
         super().__init__()
         self.evaluate, self.every, self.percept = evaluate, max(1, every), percept
         self.curve: list[dict[str, float]] = []
@@ -77,7 +77,8 @@ class StudyCallback(BaseCallback):
             self.logger.record(_TAGS.get(name, f"eval/{name}"), value)
         self._record_tree(figures)
         if self.percept is not None:
-            costs = [decide(self.model, self.percept) for _ in range(3)]
+            percept = self.percept(self.model)
+            costs = [decide(self.model, percept) for _ in range(3)]
             self.logger.record("cost/pixels", costs[0][0].processed)
             self.logger.record("cost/decision_ms", float(np.median([ms for _, ms in costs])))
         self.logger.dump(self.num_timesteps)

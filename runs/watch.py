@@ -24,7 +24,7 @@ from envs.render import camera_rectangle
 from runs import cli, models
 from runs.costs import decide
 from runs.drawing import BLACK, WHITE, gaze_on
-from runs.evaluation import exchanged_bank
+from runs.evaluation import Percept, exchanged_bank
 from runs.methods import METHODS
 from runs.run import full_id, is_ours, make_env
 
@@ -44,10 +44,12 @@ def record_frames(model: Any, env: Any, world: Any, steps: int) -> list[np.ndarr
     """
     frames = []
     observation, earned, episode = env.reset(), 0.0, 1
+    state, starts = None, np.ones(1, bool)
     for _ in range(steps):
-        cost, _ms = decide(model, observation[0])
+        seen = observation[0] if state is None else Percept(observation[0], state, starts)
+        cost, _ms = decide(model, seen)
         readings = cost.ledgers[0].readings if cost.ledgers else []
-        actions, _ = model.predict(observation, deterministic=True)
+        actions, state = model.predict(observation, state, starts, deterministic=True)
         action = int(np.asarray(actions).ravel()[0])
         scene = env.render()
         read = f"{cost.fraction:.1%} of the pixels" if cost.ledgers else "no pixels"
@@ -55,6 +57,7 @@ def record_frames(model: Any, env: Any, world: Any, steps: int) -> list[np.ndarr
         text = f"episode {episode}, return {earned:+.1f}, reads {read}, goes {name}"
         frames.append(_frame(_with_gaze(scene, observation[0], world, readings), text))
         observation, rewards, dones, _infos = env.step(np.array([action]))
+        starts = np.asarray(dones, bool)
         earned += float(rewards[0])
         if dones[0]:
             earned, episode = 0.0, episode + 1
@@ -190,11 +193,11 @@ class _Elsewhere:
     def __init__(self, model: Any, images: np.ndarray) -> None:
         self.model, self.images = model, images
 
-    def predict(self, observation: np.ndarray, **options: Any) -> Any:
+    def predict(self, observation: np.ndarray, *memory: Any, **options: Any) -> Any:
         """As SB3's, for the number of one image of that world."""
         index = int(np.asarray(observation).ravel()[0])
         with exchanged_bank(self.model, self.images[index : index + 1]):
-            return self.model.predict(np.zeros(np.shape(observation), int), **options)
+            return self.model.predict(np.zeros(np.shape(observation), int), *memory, **options)
 
 
 if __name__ == "__main__":

@@ -61,6 +61,11 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (train, ["STree", "--env", WORLD, "--out", "{tmp}", "--env-set", "bank=/none"], ["/none"]),
         (
             train,
+            ["STree", "--env", WORLD, "--out", "{tmp}", "--env-set", "obs=symbols"],
+            ["obs is set by the method"],
+        ),
+        (
+            train,
             [
                 "Random",
                 "--env",

@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+from stable_baselines3.common.evaluation import evaluate_policy
 
+from attn_tree import STree
 from envs.sb3 import make_vec
-from runs.costs import percepts_of
-from runs.evaluation import leaf_entropy, policy_table, score, state_reduction_index
+from runs import evaluation
+from runs.costs import decide, percepts_of, percepts_while_playing
+from runs.evaluation import leaf_entropy, policy_table, score, scores, state_reduction_index
+from runs.watch import record_frames
 
 
 @pytest.fixture(scope="module")
@@ -80,3 +84,55 @@ def test_percepts_are_the_same_pairs_for_every_method(world) -> None:
     states, images = percepts_of(world, "state"), percepts_of(world, "index")
     assert len(states) == len(images) == int(world.n_views[~world.terminal].sum())
     assert all(image in world.views[state] for state, image in zip(states, images, strict=True))
+
+
+HIDDEN = "attn_tree/VisualGridworld-Figure8.14b-v0"
+
+
+@pytest.fixture(scope="module")
+def reminded():
+    """An S-Tree with a memory of one step, where cells share an image."""
+    settings = {"bank": "rendered", "bank_seed": 0, "heldout_views": 0, "starts": "unshared"}
+    env = make_vec(HIDDEN, n_envs=32, seed=0, obs="index", **settings)
+    model = STree(env, seed=0, gamma=0.8, history=1, episodes_per_phase=50).learn(15_000)
+    return model, env
+
+
+def test_a_model_with_memory_is_scored_with_it(reminded, monkeypatch) -> None:
+    model, env = reminded
+    world, horizon = env.get_attr("world")[0], env.get_attr("max_episode_steps")[0]
+    found = scores(model, world, "index", 0.8, horizon)
+    earned, spread = evaluate_policy(model, env, 400)
+    assert found.return_mean == pytest.approx(earned, abs=4 * spread / 20 + 1e-6)
+    without = score(world, policy_table(model, world, "index", True), 0.8, horizon)
+    assert found.return_mean > without.return_mean + 1  # its memory is what it earns by
+    assert scores(model, world, "index", 0.8, horizon, own=False) is None
+    monkeypatch.setattr(evaluation, "MOST_STATES", 1)
+    sampled = scores(model, world, "index", 0.8, horizon)
+    assert sampled.return_mean == pytest.approx(found.return_mean, abs=0.2)
+    assert sampled.correct_policy_rate is None
+
+
+def test_a_decision_with_memory_costs_the_same_again(reminded) -> None:
+    model, env = reminded
+    percepts = percepts_while_playing(model, env.get_attr("world")[0], "index", 100)
+    first, again = ([decide(model, percept)[0].processed for percept in percepts] for _ in range(2))
+    assert first == again and min(first) >= 0 < max(first)
+    assert any(percept.state is not None for percept in percepts)
+
+
+def test_watching_hands_the_memory_on(reminded) -> None:
+    model, _ = reminded
+    settings = {"bank": "rendered", "bank_seed": 0, "heldout_views": 0, "starts": "unshared"}
+    env = make_vec(HIDDEN, seed=3, obs="index", render_mode="rgb_array", **settings)
+    told = []
+
+    class Spy:
+        def predict(self, observation, state=None, episode_start=None, deterministic=False):
+            told.append((state, episode_start))
+            return model.predict(observation, state, episode_start, deterministic)
+
+    assert len(record_frames(Spy(), env, env.get_attr("world")[0], 12)) == 12
+    kept = told[1::2]  # every other call is the metered one
+    assert kept[0][0] is None and all(state is not None for state, _ in kept[1:])
+    assert sum(bool(starts[0]) for _, starts in kept) > 1  # a new episode forgets

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from runs.evaluation import as_decided, remembers
 from runs.experiments.experiment import Estimate, Line, mean_interval, select
 from runs.methods import METHODS
 
@@ -102,21 +103,6 @@ def _rest(settings: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if name != "gamma"}
 
 
-def as_decided(model: Any, world: Any) -> tuple[Any, np.ndarray]:
-    """A world as a model perceives it, and the model's greedy actions by what it perceives.
-
-    For a model without memory the world itself, whose images are the model's own; for one that
-    remembers, the world of its windows (`envs.memory`).
-    """
-    if getattr(model, "history", 0):
-        from envs.memory import with_memory
-
-        world, windows, _ = with_memory(world, model.history)
-        return world, model.window_actions(windows)
-    actions, _ = model.predict(np.arange(world.n_images), deterministic=True)
-    return world, np.asarray(actions, int)
-
-
 def correct(model: Any, world: Any, gamma: float = GAMMA) -> float:
     """Share of the pairs of a state and what is perceived in it that a model decides optimally."""
     seen, actions = as_decided(model, world)
@@ -129,10 +115,11 @@ def figures(grown: Grown, horizon: int = 100, cost: bool = True) -> dict[str, An
     Returns:
         `correct` and, with held-out views, `heldout`; `return` (expected, undiscounted); `steps`; and for
         a tree `leaves depth nodes grown phases phases_to_correct sri entropy` (over seen views), and
-        with `cost` `selection recognition fraction questions` of a decision on seen views.
+        with `cost` `selection recognition fraction questions` of a decision on seen views. With memory
+        there is no `heldout`, `sri` or `entropy`, and costs are of the decisions of greedy episodes.
     """
     from runs import evaluation
-    from runs.costs import Subject, percepts_of, pixel_cost
+    from runs.costs import Subject, percepts_of, percepts_while_playing, pixel_cost
 
     model, world = grown.model, grown.world
     seen, actions = as_decided(model, world)
@@ -142,51 +129,25 @@ def figures(grown: Grown, horizon: int = 100, cost: bool = True) -> dict[str, An
         "return": evaluation.score(seen, policy, GAMMA, horizon).return_mean,
         "steps": model.num_timesteps,
     }
-    if grown.heldout is not None:
+    if grown.heldout is not None and not remembers(model):
         elsewhere = evaluation.policy_table(model, grown.heldout, "index", own=False)
         found["heldout"] = float(grown.heldout.correct_policy_rate(elsewhere, GAMMA))
     tree = evaluation.tree_figures(model, [world])
     if tree is not None:
         found |= {"leaves": tree.leaves, "depth": tree.depth, "nodes": tree.nodes}
-        found |= {"sri": tree.sri, "entropy": tree.leaf_entropy, "grown": len(model.grown_tree.leaves)}
+        if tree.sri is not None:
+            found |= {"sri": tree.sri, "entropy": tree.leaf_entropy}
+        found |= {"grown": len(model.grown_tree.leaves)}
         found |= {"phases": model.phase, "phases_to_correct": grown.phases_to_correct}
-    if cost and getattr(model, "history", 0) > 0:
-        found |= cost_while_playing(model, world, horizon)
-    elif cost:
-        spent = pixel_cost(Subject(model, percepts_of(world, "index")), world.images.shape[1:3], False)
+    if cost:
+        played = remembers(model)
+        shown = (
+            percepts_while_playing(model, world, "index", horizon) if played else percepts_of(world, "index")
+        )
+        spent = pixel_cost(Subject(model, shown), world.images.shape[1:3], False)
         found |= {"selection": spent.selection, "recognition": spent.recognition}
         found |= {"fraction": spent.fraction, "questions": spent.operations.get("questions", 0.0)}
     return found
-
-
-def cost_while_playing(model: Any, world: Any, horizon: int) -> dict[str, float]:
-    """What a decision of a model with memory reads, averaged over greedy episodes from every start.
-
-    For a world without chance that shows one image per state. Each decision is metered by itself, with
-    the memory that the episode has left.
-    """
-    from attn_tree.vision.retina import meter
-
-    spent = []
-    for start in np.flatnonzero(world.start):
-        state, memory, begin = int(start), None, True
-        for _ in range(horizon):
-            with meter() as cost:
-                action, memory = model.predict(
-                    np.array(world.views[state, 0]), memory, np.array([begin]), deterministic=True
-                )
-            asked = cost.operations.get("questions", 0)
-            spent.append((cost.selection, cost.recognition, cost.fraction, asked))
-            state, begin = int(world.next_state[state, int(action), 0]), False
-            if world.terminal[state]:
-                break
-    selection, recognition, fraction, questions = np.mean(spent, axis=0).tolist()
-    return {
-        "selection": selection,
-        "recognition": recognition,
-        "fraction": fraction,
-        "questions": questions,
-    }
 
 
 # Reading lines --------------------------------------------------------------------------------
