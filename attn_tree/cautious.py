@@ -64,9 +64,15 @@ class CautiousLearner(QuasiStaticLearner):
         self.kept_return = -np.inf
 
     def _state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        if self.cautious:
-            self._go_back()
-        return super()._state()
+        if not self.cautious:
+            return super()._state()
+        # A file holds the tree that was kept; the one on trial goes on as if nothing had been saved.
+        trial = self.grown_tree, self.values
+        self.grown_tree, self.values = self._kept
+        try:
+            return super()._state()
+        finally:
+            self.grown_tree, self.values = trial
 
     # Phases ---------------------------------------------------------------------------
 

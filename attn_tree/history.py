@@ -111,6 +111,8 @@ class WindowPercepts:
             raise ValueError(f"a table of shape {table.shape} holds no windows of depth {self.depth}")
         self._windows, self._number, self._moments = [], {}, {}
         self.of(table)
+        if len(self._windows) != len(table) or not all(len(window) % 2 for window in self._windows):
+            raise ValueError("the windows of a file must be distinct, each of a sight and pairs before it")
 
     def of(self, windows: np.ndarray) -> np.ndarray:
         """Numbers `(n,)` of windows `(n, 2 · depth + 1)` of sights and actions, -1 for Null."""

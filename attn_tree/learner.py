@@ -64,6 +64,7 @@ class QuasiStaticLearner(TreeLearner):
         self._remembering = True
         self._episodes_in_phase = 0
         self._quiet_phases = 0
+        self._tried = 0  # pairs of a percept and an action remembered at the last refinement
         self._unsplittable: dict[int, frozenset[int]] = {}
         super()._setup_model()
 
@@ -126,16 +127,23 @@ class QuasiStaticLearner(TreeLearner):
             self.values = leaf_model_values(rows, next_rows, memory, counts, self.values, self.gamma)
         seen = Snapshot.of(memory, counts, rows, next_rows, self.values, self.gamma, self.growth)
         settled = seen.settled(self.values)
-        self.aliased, variances = 0, []
+        self.aliased, waiting, variances = 0, 0, []
         for leaf in self.grown_tree.leaves:
             held = seen.leaf(leaf.row)
             variances.append(held.variance)
-            if held.visits.sum() >= self.growth.mem_threshold and held.variance > seen.threshold:
+            if held.variance <= seen.threshold:
+                continue
+            if held.visits.sum() >= self.growth.mem_threshold:
                 self.aliased += self._split(leaf, held)
+            else:
+                waiting += 1  # confused, and not yet met often enough to be split
         self.delta_variance = float(np.mean(variances))
         self.phase += 1
-        # Before any reward has differed from another there is nothing that could be aliased.
-        quiet = self.aliased == 0 and settled and seen.spread > 0
+        # What has not been tried cannot be confused: while new things are met, or before any reward has
+        # differed from another, nothing aliased means nothing.
+        tried = len(np.unique(memory.percepts * self.values.shape[1] + memory.actions))
+        news, self._tried = tried > self._tried, tried
+        quiet = self.aliased == 0 and waiting == 0 and settled and seen.spread > 0 and not news
         self._quiet_phases = self._quiet_phases + 1 if quiet else 0
         self._forget(memory)
         self.version += 1

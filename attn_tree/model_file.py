@@ -48,6 +48,10 @@ def load_learner(
         ArchiveError: not such a file, or one of another class.
     """
     meta, arrays = read_archive(_with_suffix(path))
+    if "method" in meta and "class" not in meta:
+        raise ArchiveError(
+            f"{path}: was written by runs.train or runs.compare; open it with runs.models.load or runs.watch"
+        )
     if meta.get("class") != kind.__name__:
         raise ArchiveError(f"{path}: holds a {meta.get('class')!r}; expected {kind.__name__}")
     for name, array in arrays.items():

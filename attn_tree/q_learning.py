@@ -31,6 +31,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from attn_tree.model_file import load_learner, save_learner
 from attn_tree.rates import LEARNING_RATE, Rate, rate_from_json, rate_to_json
+from attn_tree.spaces_json import space_to_json
 from attn_tree.table_policy import TablePolicy
 
 
@@ -183,6 +184,8 @@ class TableLearner(BaseAlgorithm):
     def _setup_model(self) -> None:
         if not isinstance(self.action_space, spaces.Discrete):
             raise ValueError(f"{type(self).__name__} needs Discrete actions, not {self.action_space}")
+        for space in (self.observation_space, self.action_space):
+            space_to_json(space)  # one that could not be saved is refused before anything is learned
         self.lr_schedule = FloatSchedule(self.learning_rate)
         self._epsilon_schedule = FloatSchedule(self.epsilon)
         self.rng = np.random.default_rng(self.seed)
@@ -247,6 +250,8 @@ class TableLearner(BaseAlgorithm):
             actions = self._choose(self.values[self._rows(percepts)])
             observations: Any
             observations, rewards, dones, infos = self.env.step(actions)
+            if not np.isfinite(rewards).all():
+                raise ValueError(f"the environment gave a reward of {rewards[~np.isfinite(rewards)][0]}")
             self.num_timesteps += len(actions)
             if not self._continue(callback, locals()):
                 break

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from matplotlib.figure import Figure
 from stable_baselines3.common.type_aliases import GymEnv
 
-from attn_tree.growth import Growth
+from attn_tree.growth import Growth, as_growth
 from attn_tree.history import HistoryVocabulary, Of, WindowPercepts
 from attn_tree.joint import JointVocabulary
 from attn_tree.memory import Memory
@@ -54,8 +55,9 @@ class TreeLearner(TableLearner):
         history_of: Of = "pair",
         **learner_settings: Any,
     ) -> None:
-        if history < 0:
-            raise ValueError(f"history is {history}; expected 0 for none, or how many steps back")
+        if not isinstance(history, (int, np.integer)) or isinstance(history, bool) or history < 0:
+            raise ValueError(f"history is {history!r}; expected 0 for none, or how many steps back")
+        HistoryVocabulary(1, history_of)  # refuses what cannot be asked, with or without a history
         self.history, self.history_of = history, history_of
         self.vocabulary = vocabulary
         if history:
@@ -64,7 +66,7 @@ class TreeLearner(TableLearner):
                 parts, first = vocabulary.parts, vocabulary.first
             remembering = HistoryVocabulary(history, history_of)
             self.vocabulary = JointVocabulary({**parts, "history": remembering}, first)
-        self.growth = Growth(**growth) if isinstance(growth, dict) else growth or Growth()
+        self.growth = as_growth(growth)
         super().__init__(env, **learner_settings)
 
     # Set-up ---------------------------------------------------------------------------
@@ -229,18 +231,37 @@ class TreeLearner(TableLearner):
         self.phase = int(meta["phase"])
         self.vocabulary.restore(meta["vocabulary"], _with_prefix(arrays, "vocabulary_"))
         self.grown_tree = Tree.from_json(meta["grown_tree"], self.vocabulary.question_from_json)
+        shape = (self.grown_tree.rows, int(self.action_space.n))  # type: ignore[attr-defined]
         if isinstance(self._percepts, WindowPercepts) and "windows" in arrays:
             self._percepts.restore(arrays["windows"])
+            _expect_within(arrays["windows"][:, ::2], -1, self._n_sights(), "sights of windows")
+            _expect_within(arrays["windows"][:, 1::2], -1, shape[1], "actions of windows")
         tree = Tree.from_json(meta["tree"], self.vocabulary.question_from_json)
         decisions = np.asarray(arrays["decision_values"], np.float64)
-        shape = (self.grown_tree.rows, int(self.action_space.n))  # type: ignore[attr-defined]
         if self.values.shape != shape or decisions.shape != (tree.rows, shape[1]):
             raise ValueError(f"a table of shape {self.values.shape} does not fit a tree of {shape[0]} rows")
         self.policy.restore(tree, decisions)
         columns = _with_prefix(arrays, "memory_")
         if columns:
+            # Percepts with jittered copies have several numbers each.
+            sights = self._n_sights() * getattr(self._percepts, "each", 1)
+            known = len(arrays["windows"]) if "windows" in arrays else sights
+            for name in ("percepts", "next_percepts"):
+                _expect_within(columns[name], 0, known, f"memory's {name}")
+            _expect_within(columns["actions"], 0, shape[1], "memory's actions")
             self._memory.restore(columns)
+
+    def _n_sights(self) -> int:
+        """Observations that there are numbers for, where they are numbers."""
+        space = self.observation_space
+        return int(space.n) if isinstance(space, spaces.Discrete) else np.iinfo(np.int64).max
 
 
 def _with_prefix(arrays: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+
+
+def _expect_within(numbers: np.ndarray, low: int, high: int, what: str) -> None:
+    """Refuse a file whose numbers point at nothing: ValueError unless all are whole and in [low, high)."""
+    if numbers.dtype.kind not in "iu" or (len(numbers) and not low <= numbers.min() <= numbers.max() < high):
+        raise ValueError(f"the {what} are no whole numbers from {low} to {high - 1}")

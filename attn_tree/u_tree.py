@@ -22,7 +22,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.cautious import CautiousLearner
 from attn_tree.dimension_questions import DimensionVocabulary, RecalledVocabulary
-from attn_tree.growth import Growth
+from attn_tree.growth import Growth, as_growth
 from attn_tree.history import Moment, Of
 from attn_tree.joint import JointVocabulary
 from attn_tree.percepts import Percepts
@@ -32,7 +32,7 @@ from attn_tree.vocabulary import Vocabulary
 Criterion = Literal["variance", "kolmogorov", "utility"]
 
 # What U-Tree grows by unless told: leaves are split on evidence, and their values solved.
-_GROWTH = Growth(significance=0.01, leaf_values="model", retries=0, fringe=2, patience=4)
+_GROWTH = Growth(significance=0.01, leaf_values="model", retries=0, fringe=2, patience=None)
 
 # Leaves at most where dimensions are continuous, unless told otherwise.
 _MOST_LEAVES = 32
@@ -54,9 +54,10 @@ class UTree(CautiousLearner):
         history: steps back that may be asked about.
         history_of: beside the dimensions then, the "action", "state" or "pair" of an earlier step.
         names: of the dimensions, for drawings.
-        growth: as for `QuasiStaticLearner`; unless given, splits must be significant at 0.01 and leaf
-            values are solved from memory, and where dimensions are continuous the fringe is 1 and the
-            tree has 32 leaves at most.
+        growth: as for `QuasiStaticLearner`; unless given, splits must be significant at 0.01, leaf
+            values are solved from memory and learning goes on to the last step; where dimensions are
+            continuous the fringe is 1 and the tree has 32 leaves at most. Long tasks such as CartPole
+            want more: see docs/chapter-3.md.
         **settings: those of `CautiousLearner`, `QuasiStaticLearner` and `TableLearner`.
     """
 
@@ -73,7 +74,7 @@ class UTree(CautiousLearner):
         growth: Growth | dict[str, Any] | None = None,
         **settings: Any,
     ) -> None:
-        growth = Growth(**growth) if isinstance(growth, dict) else growth or _GROWTH
+        growth = as_growth(growth, _GROWTH)
         growth = replace(
             growth,
             criterion=growth.criterion if criterion is None else criterion,

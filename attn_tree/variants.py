@@ -158,8 +158,9 @@ class Rehearsing(QuasiStaticLearner):
     # Growing ----------------------------------------------------------------------------
 
     def _refine(self) -> None:
-        phase = self.phase
+        phase, tried = self.phase, self._tried
         for _ in range(self.rounds):
+            self._tried = tried  # a further round meets nothing new, but the phase may have
             super()._refine()
             self.phase = phase + 1
             if not self.aliased or self.growth.memory == "clear":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -321,3 +322,22 @@ def test_mistakes_are_told_in_one_line() -> None:
         UTree(None, criterion="gini")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="trace is 2"):
         UTree(None, trace=2)
+
+
+@pytest.mark.parametrize("cautious", [False, True])
+def test_saving_changes_nothing_and_bounds_of_each_dimension_come_back(
+    tmp_path: Path, cautious: bool
+) -> None:
+    def learned(save: bool) -> UTree:
+        model = UTree("CartPole-v1", seed=0, cautious=cautious, episodes_per_phase=5)
+        for part in range(4):
+            model.learn(200, reset_num_timesteps=part == 0)
+            if save:
+                model.save(tmp_path / "model.zip")
+        return model
+
+    plain, saved = learned(False), learned(True)
+    assert plain.grown_tree.to_json() == saved.grown_tree.to_json() and plain.phase == saved.phase
+    again = UTree.load(tmp_path / "model.zip", env="CartPole-v1")
+    assert again.observation_space == plain.observation_space
+    assert again.tree.to_json() == saved.tree.to_json()

@@ -218,3 +218,11 @@ def test_a_copy_earns_what_its_percept_earned_and_no_decision_sees_one() -> None
     first, copy = model._percepts.percept(6), model._percepts.percept(7)
     np.testing.assert_array_equal(first.whole(), bank[2])
     assert not np.array_equal(copy.whole(), bank[2])
+
+
+def test_learning_does_not_stop_before_everything_was_tried() -> None:
+    env = make_vec("attn_tree/ObjectRecognition-v0", n_envs=1, seed=0, obs="index")
+    model = WindowTree(env, seed=0, gamma=0.0).learn(2_500)
+    world = env.get_attr("world")[0]
+    actions, _ = model.predict(np.arange(world.n_images), deterministic=True)
+    assert model.num_timesteps > 1_000 and world.correct_policy_rate(actions, 0.0) > 0.8

@@ -33,8 +33,13 @@ class Gauge:
 
     def __init__(self, values: np.ndarray) -> None:
         self._values = np.asarray(values, np.float64)
-        if self._values.ndim != 1 or not len(self._values) or not np.isfinite(self._values).all():
-            raise ValueError(f"readings must be finite with shape (D,), not {self._values.shape}")
+        if self._values.ndim != 1 or not len(self._values):
+            raise ValueError(f"readings must have the shape (D,), not {self._values.shape}")
+        if not np.isfinite(self._values).all():
+            wrong = int(np.flatnonzero(~np.isfinite(self._values))[0])
+            raise ValueError(
+                f"an observation holds {self._values[wrong]} in dimension {wrong}; expected finite numbers"
+            )
         self.ledger: Ledger = open_ledger(len(self._values), 1)
         self.computed: dict[Hashable, Any] = {}
 
