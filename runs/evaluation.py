@@ -242,7 +242,8 @@ def _sampled(model: Any, world: World, mode: str, gamma: float, horizon: int) ->
         rewards = np.array([step.reward for step in play(model, world, mode, begin, horizon, rng)])
         discounted = float(rewards @ gamma ** np.arange(len(rewards)))
         rows.append((rewards.sum(), discounted, len(rewards), rewards.mean()))
-    return Scores(*np.mean(rows, axis=0).tolist(), correct_policy_rate=None)
+    mean, discounted, steps, average = np.mean(rows, axis=0).tolist()
+    return Scores(mean, discounted, steps, average, None)
 
 
 def policy_table(model: Any, world: World, mode: str, own: bool) -> np.ndarray:
