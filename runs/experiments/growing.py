@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from runs.evaluation import as_decided, remembers
 from runs.experiments.experiment import Estimate, Line, mean_interval, select
 from runs.methods import METHODS
 
@@ -105,6 +104,8 @@ def _rest(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def correct(model: Any, world: Any, gamma: float = GAMMA) -> float:
     """Share of the pairs of a state and what is perceived in it that a model decides optimally."""
+    from runs.evaluation import as_decided
+
     seen, actions = as_decided(model, world)
     return float(seen.correct_policy_rate(actions, gamma))
 
@@ -120,6 +121,7 @@ def figures(grown: Grown, horizon: int = 100, cost: bool = True) -> dict[str, An
     """
     from runs import evaluation
     from runs.costs import Subject, percepts_of, percepts_while_playing, pixel_cost
+    from runs.evaluation import as_decided, remembers
 
     model, world = grown.model, grown.world
     seen, actions = as_decided(model, world)
