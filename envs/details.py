@@ -16,10 +16,9 @@ Why it is fair:
   scene, or how often, says nothing. Only a symbol at its place does (or, by exclusion, those at all the
   other places together).
 - Symbols cover the same area in the same ink on average, so that mean brightness or colour, of the scene
-  or of a place, says nothing about them. To tell them apart one must resolve their strokes: a support
-  vector machine that is told the exact place of every mark names 38% of the four symbols at 10 pixels a
-  value (1% of the scene's pixels), 52% at 7.5 (1.8%), 74% at 6 (2.8%), 97% at 4.5 (5%). So the whole
-  scene read at a tenth of its pixels holds the answer; at a fiftieth it hardly does.
+  or of a place, says nothing about them. To tell them apart one must resolve their strokes. A coarse image
+  that is fine enough does: read at a tenth of its pixels the whole scene holds the answer, so that
+  places must be compared with coarse reading at the few pixels that places need.
 - Nothing about a view depends on its class but the symbols at the deciding places.
 - Marks are drawn sharply and in full contrast: whoever looks at the right place has an easy task.
 """

@@ -10,7 +10,8 @@ one corridor, as an M:
 
 They differ in where episodes begin and in what moves earn. `cheese_maze` is the problem
 `cheese.95` of Littman, Cassandra and Kaelbling (1995), who take it from McCallum;
-`mccallum_maze` has the starts and rewards of McCallum's experiments on it.
+`mccallum_maze` has the starts and rewards of McCallum's experiments on it, as we remember them: his
+papers were not at hand.
 
 Deviations: (1) episodes end at the goal, where `cheese.95` goes on from a new start; (2)
 there the goal has a percept of its own, here it feels like any blind end, and nothing
