@@ -11,17 +11,29 @@ if TYPE_CHECKING:
     from attn_tree.forest import Forest
     from attn_tree.growth import Growth
     from attn_tree.learner import QuasiStaticLearner
+    from attn_tree.object_tree import ObjectTree
     from attn_tree.q_learning import TableLearner
     from attn_tree.rlvc import RLVC
     from attn_tree.s_tree import STree
     from attn_tree.u_tree import UTree
     from attn_tree.window_tree import WindowTree
 
-__all__ = ["RLVC", "Forest", "Growth", "QuasiStaticLearner", "STree", "TableLearner", "UTree", "WindowTree"]
+__all__ = [
+    "RLVC",
+    "Forest",
+    "Growth",
+    "ObjectTree",
+    "QuasiStaticLearner",
+    "STree",
+    "TableLearner",
+    "UTree",
+    "WindowTree",
+]
 
 _MODULES = {
     "Forest": "forest",
     "Growth": "growth",
+    "ObjectTree": "object_tree",
     "QuasiStaticLearner": "learner",
     "RLVC": "rlvc",
     "STree": "s_tree",
