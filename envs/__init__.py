@@ -25,6 +25,7 @@ class Task(NamedTuple):
 
 
 GRID = "envs.gridworld:visual_gridworld"
+SIGNS = "envs.navigation:sign_navigation"
 
 TABLE = {
     "VisualGridworld-4x4-v0": Task(GRID, {"map": grids.MAP_4X4}, 100),
@@ -40,6 +41,8 @@ TABLE = {
     "VisualGridworld-Custom-v0": Task(GRID, {}, 200),
     "CheeseMaze-v0": Task("envs.mazes:cheese_maze", {}, 100),
     "McCallumMaze-v0": Task("envs.mazes:mccallum_maze", {}, 100),
+    "SignNavigation-simple-v0": Task(SIGNS, {"map": "simple"}, 100),
+    "SignNavigation-complex-v0": Task(SIGNS, {"map": "complex"}, 200),
     "ObjectRecognition-v0": Task("envs.recognition:object_recognition", {}, 10),
     "DetailRecognition-v0": Task("envs.recognition:detail_recognition", {}, 10),
 }
