@@ -21,6 +21,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
+from envs.noisy import NoisySymbols, check_noise
+
 
 class BatchedVecEnv(VecEnv):
     """An SB3 `VecEnv` over one SAME_STEP `VectorEnv`.
@@ -160,7 +162,15 @@ class BatchedVecEnv(VecEnv):
         return [None] * self.num_envs if frames is None else list(frames)
 
 
-def make_vec(env_id: str, n_envs: int = 1, seed: int | None = 0, **kwargs: Any) -> BatchedVecEnv:
+def make_vec(
+    env_id: str,
+    n_envs: int = 1,
+    seed: int | None = 0,
+    *,
+    flip: float = 0.0,
+    readings: int = 1,
+    **kwargs: Any,
+) -> VecEnv:
     """A registered environment, batched, as an SB3 `VecEnv`.
 
     Args:
@@ -168,8 +178,25 @@ def make_vec(env_id: str, n_envs: int = 1, seed: int | None = 0, **kwargs: Any) 
             `envs:` in front, or anybody's id (stepped one by one, reset in the same step).
         n_envs: size of the batch.
         seed: sub-environment i is seeded `seed + i`.
+        flip: probability that a symbol is read wrongly, with `obs="symbols"` (see `envs.noisy`).
+        readings: independent readings of each symbol.
         kwargs: arguments of the environment, `max_episode_steps` among them.
+
+    Returns:
+        A `BatchedVecEnv`, in a `NoisySymbols` if `flip` or `readings` say so.
+
+    Raises:
+        ValueError: no such id, or an argument is impossible.
     """
+    check_noise(flip, readings)
+    plain = flip == 0 and readings == 1
+    if not plain and kwargs.get("obs") != "symbols":
+        raise ValueError(f"flip and readings are for obs='symbols', not {kwargs.get('obs', 'pixels')!r}")
+    env = _plain(env_id, n_envs, seed, kwargs)
+    return env if plain else NoisySymbols(env, flip, readings, seed)
+
+
+def _plain(env_id: str, n_envs: int, seed: int | None, kwargs: dict[str, Any]) -> BatchedVecEnv:
     import envs  # registers our ids
 
     short = env_id.removeprefix("envs:").removeprefix("attn_tree/")
