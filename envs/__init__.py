@@ -45,6 +45,7 @@ TABLE = {
     "SignNavigation-complex-v0": Task(SIGNS, {"map": "complex"}, 200),
     "ObjectRecognition-v0": Task("envs.recognition:object_recognition", {}, 10),
     "DetailRecognition-v0": Task("envs.recognition:detail_recognition", {}, 10),
+    **{f"Driving-{name}-v0": Task("envs.driving:driving", {"map": name}, 100) for name in "abcd"},
 }
 
 REGISTERED = tuple(f"attn_tree/{name}" for name in TABLE)

@@ -24,7 +24,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from envs.render import draw_frame
-from envs.sensors import Observe, check_replacement, spaces_of, symbols_of
+from envs.sensors import Observe, check_replacement, flat_action, flat_actions, spaces_of, symbols_of
 from envs.streams import Stream, Streams
 from envs.world import World
 
@@ -88,14 +88,12 @@ class CameraEnv(gym.Env[Any, Any]):
         return self._observation(), {"state": self._state}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Take an action."""
+        """Take an action: a number, or its parts where the world has an `action_shape`."""
         world = self.world
         if self._stream is None:
             raise RuntimeError("call reset() before step()")
-        if not 0 <= action < world.n_actions:
-            raise ValueError(f"an action must be in 0…{world.n_actions - 1}, not {action}")
+        here, k = (self._state, flat_action(world, action)), 0
         chance, view = self._stream.pair()
-        here, k = (self._state, int(action)), 0
         if world.next_state.shape[2] > 1:
             k = int((world.successor_cdf[here] <= chance).sum())
         reward = float(world.reward[here][k])
@@ -222,16 +220,10 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         return seed
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Take `(num_envs,)` actions."""
+        """Take `(num_envs,)` actions, or `(num_envs, parts)` where the world has an `action_shape`."""
         if self._streams is None:
             raise RuntimeError("call reset() before step()")
-        actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise ValueError(
-                f"actions must be ({self.num_envs},) integers, not {actions.dtype} {actions.shape}"
-            )
-        if actions.min() < 0 or actions.max() >= self.world.n_actions:
-            raise ValueError(f"actions must be in 0…{self.world.n_actions - 1}, not {actions}")
+        actions = flat_actions(self.world, actions, self.num_envs)
         pairs = self._streams.take()
         cell = self._state * self.world.n_actions + actions
         if self._branches > 1:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from envs.world import World
@@ -83,3 +85,27 @@ def _check_extras(world: World, states: int) -> None:
             f"symbols must have shape ({len(world.images)}, D), not {world.symbols.shape}",
         )
         expect(world.symbols.min() >= 0, "symbols must not be negative")
+    if world.action_shape is not None:
+        actions, shape = len(world.action_names), world.action_shape
+        expect(
+            min(shape, default=0) >= 1 and math.prod(shape) == actions,
+            f"action_shape must be sizes whose product is the number of actions, {actions}, not {shape}",
+        )
+
+
+def whole_numbers(values: ArrayLike, count: int, expected: str) -> np.ndarray:
+    """One or several whole numbers below `count`, as an array `(n,)`.
+
+    Raises:
+        ValueError: they are something else; in one line, whatever was given.
+    """
+    try:
+        found = np.atleast_1d(np.asarray(values))
+    except ValueError:
+        raise ValueError(f"{expected}, not sequences of different lengths") from None
+    if found.ndim > 1:
+        raise ValueError(f"{expected}, one or a sequence of them, not an array of shape {found.shape}")
+    if not found.size or found.dtype.kind not in "iu" or found.min() < 0 or found.max() >= count:
+        told = f"{values!r}" if found.size <= 8 else f"{found.size} values of type {found.dtype}"
+        raise ValueError(f"{expected}, all of them whole, not {told}")
+    return found.astype(np.int64)

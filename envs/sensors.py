@@ -1,4 +1,4 @@
-"""What an agent may be given of an image, and which worlds can stand in for one another."""
+"""What an agent may be given of an image and may do, and which worlds can stand in for one another."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ Observe = Literal["pixels", "index", "symbols", "state"]
 OBSERVE = get_args(Observe)
 
 
-def spaces_of(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Discrete]:
-    """Spaces of the observations and of the actions.
+def spaces_of(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
+    """Spaces of the observations and of the actions: `MultiDiscrete` where actions have parts.
 
     Raises:
         ValueError: `obs` is unknown, or "symbols" of a world that has none.
@@ -28,7 +28,48 @@ def spaces_of(world: World, obs: str) -> tuple[spaces.Space[Any], spaces.Discret
         seen = spaces.MultiDiscrete(symbols_of(world).max(axis=0) + 1)
     else:
         seen = spaces.Discrete(world.n_images if obs == "index" else world.n_states)
+    if world.action_shape is not None:
+        return seen, spaces.MultiDiscrete(list(world.action_shape))
     return seen, spaces.Discrete(world.n_actions)
+
+
+def flat_action(world: World, action: Any) -> int:
+    """The number that an action has in a world's arrays.
+
+    Args:
+        world: the world.
+        action: a number, or `(parts,)` integers where the world has an `action_shape`.
+
+    Raises:
+        ValueError: there is no such action.
+    """
+    if world.action_shape is not None:
+        return int(flat_actions(world, np.asarray(action)[None], 1)[0])
+    if not 0 <= action < world.n_actions:
+        raise ValueError(f"an action must be in 0…{world.n_actions - 1}, not {action}")
+    return int(action)
+
+
+def flat_actions(world: World, actions: Any, count: int) -> np.ndarray:
+    """The numbers `(count,)` that a batch of actions has in a world's arrays; see `flat_action`.
+
+    Raises:
+        ValueError: they are not `count` actions of that world.
+    """
+    actions, parts = np.asarray(actions), world.action_shape
+    shape = (count,) if parts is None else (count, len(parts))
+    if actions.shape != shape or actions.dtype.kind not in "iu":
+        told = f"({count},)" if parts is None else f"{shape}"
+        raise ValueError(f"actions must be {told} integers, not {actions.dtype} {actions.shape}")
+    if parts is None:
+        if actions.min() < 0 or actions.max() >= world.n_actions:
+            raise ValueError(f"actions must be in 0…{world.n_actions - 1}, not {actions}")
+        return actions
+    if (actions < 0).any() or (actions >= parts).any():
+        raise ValueError(
+            f"the parts of an action must be below {parts} and not negative, not {actions.tolist()}"
+        )
+    return np.ravel_multi_index(tuple(actions.T), parts)
 
 
 def symbols_of(world: World) -> np.ndarray:
@@ -46,7 +87,7 @@ def check_replacement(old: World, new: World, obs: str) -> None:
     Raises:
         ValueError: other states, actions or spaces, or another bank where agents hold it.
     """
-    kept = {"state_names": "states", "action_names": "actions"}
+    kept = {"state_names": "states", "action_names": "actions", "action_shape": "parts of actions"}
     for name, noun in kept.items():
         if getattr(old, name) != getattr(new, name):
             raise ValueError(f"replace_world: the new world must have the same {noun}")

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from envs.checks import check_world, expect
+from envs.checks import check_world, expect, whole_numbers
 
 TOLERANCE = 1e-8
 
@@ -52,6 +52,9 @@ class World:
         grid_shape: (rows, columns) of that grid; cells without a state are obstacles.
         symbols: `(N, D)` int32, not negative: what a symbolic sensor with D dimensions reads
             of each image; None where there is no such sensor.
+        action_shape: how many choices each part of an action has, where actions have parts (a motor
+            action and a place to attend, say); None for plain ones. In these arrays an action is
+            one number all the same, that of `numpy.ravel_multi_index(parts, action_shape)`.
 
     Raises:
         ValueError: an array has the wrong shape, or is no distribution or index.
@@ -70,6 +73,7 @@ class World:
     positions: np.ndarray | None = None
     grid_shape: tuple[int, int] | None = None
     symbols: np.ndarray | None = None
+    action_shape: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         expect(
@@ -96,6 +100,8 @@ class World:
             kind = np.asarray(self.symbols).dtype
             expect(kind.kind in "iub", f"symbols must be whole numbers, not {kind}")
             object.__setattr__(self, "symbols", _frozen(self.symbols, np.int32))
+        if self.action_shape is not None:
+            object.__setattr__(self, "action_shape", tuple(map(int, self.action_shape)))
         check_world(self)
 
     # ---------------------------------------------------------------- sizes and names
@@ -281,7 +287,9 @@ class World:
             ValueError: an unknown state or image, or images themselves instead of their numbers.
         """
         chosen = self._known(states)
-        shown = _numbers(images, self.n_images, f"images must be numbers in the bank, 0…{self.n_images - 1}")
+        shown = whole_numbers(
+            images, self.n_images, f"images must be numbers in the bank, 0…{self.n_images - 1}"
+        )
         width = max(self.views.shape[1], len(shown))
         views = np.pad(self.views, ((0, 0), (0, width - self.views.shape[1])), mode="edge")
         views[chosen] = np.pad(shown, (0, width - len(shown)), mode="edge")
@@ -292,25 +300,7 @@ class World:
     def _known(self, states: int | Sequence[int] | np.ndarray) -> np.ndarray:
         """`states` as distinct numbers."""
         expected = f"states must be numbers in 0…{self.n_states - 1}"
-        return np.unique(_numbers(states, self.n_states, expected))
-
-
-def _numbers(values: ArrayLike, count: int, expected: str) -> np.ndarray:
-    """One or several whole numbers below `count`, as an array `(n,)`.
-
-    Raises:
-        ValueError: they are something else; in one line, whatever was given.
-    """
-    try:
-        found = np.atleast_1d(np.asarray(values))
-    except ValueError:
-        raise ValueError(f"{expected}, not sequences of different lengths") from None
-    if found.ndim > 1:
-        raise ValueError(f"{expected}, one or a sequence of them, not an array of shape {found.shape}")
-    if not found.size or found.dtype.kind not in "iu" or found.min() < 0 or found.max() >= count:
-        told = f"{values!r}" if found.size <= 8 else f"{found.size} values of type {found.dtype}"
-        raise ValueError(f"{expected}, all of them whole, not {told}")
-    return found.astype(np.int64)
+        return np.unique(whole_numbers(states, self.n_states, expected))
 
 
 def _cdf(probability: np.ndarray) -> np.ndarray:
