@@ -26,6 +26,7 @@ class Task(NamedTuple):
 
 GRID = "envs.gridworld:visual_gridworld"
 SIGNS = "envs.navigation:sign_navigation"
+KNOWN_ACTIONS = "envs.known_actions:known_actions"
 
 TABLE = {
     "VisualGridworld-4x4-v0": Task(GRID, {"map": grids.MAP_4X4}, 100),
@@ -43,6 +44,8 @@ TABLE = {
     "McCallumMaze-v0": Task("envs.mazes:mccallum_maze", {}, 100),
     "SignNavigation-simple-v0": Task(SIGNS, {"map": "simple"}, 100),
     "SignNavigation-complex-v0": Task(SIGNS, {"map": "complex"}, 200),
+    "SignNavigation-simple-KnownActions-v0": Task(KNOWN_ACTIONS, {"map": "simple"}, 50),
+    "SignNavigation-complex-KnownActions-v0": Task(KNOWN_ACTIONS, {"map": "complex"}, 50),
     "ObjectRecognition-v0": Task("envs.recognition:object_recognition", {}, 10),
     "DetailRecognition-v0": Task("envs.recognition:detail_recognition", {}, 10),
     **{f"Driving-{name}-v0": Task("envs.driving:driving", {"map": name}, 100) for name in "abcd"},
