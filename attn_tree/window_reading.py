@@ -18,12 +18,12 @@ from attn_tree.growth import is_whole
 from attn_tree.vision.retina import Retina
 from attn_tree.vision.window_features import (
     CHANNELS,
-    best_match,
-    cut,
+    best_matches,
     grey_window,
     to_grey,
     window_colour,
     window_colours,
+    window_slices,
 )
 from attn_tree.vocabulary import Vocabulary
 
@@ -162,13 +162,12 @@ class WindowReading(Vocabulary):
             wanted, back = np.unique(columns, return_inverse=True)
             shown = np.array([self._map(percept)[wanted] for percept in percepts])
             found[:, coloured] = shown[:, back]
-        once: dict[Any, np.ndarray] = {}  # several thresholds on one match
+        asked: dict[tuple[int, int], list[int]] = {}
         for i, question in enumerate(questions):
             if question.kind == MATCH:
-                key = question[1:4]
-                if key not in once:
-                    once[key] = np.array([self._fit(question, percept, True) for percept in percepts])
-                found[:, i] = once[key]
+                asked.setdefault((question.x, question.y), []).append(i)
+        for columns in asked.values():
+            found[:, columns] = self._fits([questions[i] for i in columns], percepts)
         return found
 
     @staticmethod
@@ -177,7 +176,9 @@ class WindowReading(Vocabulary):
 
     def _value(self, question: Any, percept: Retina) -> np.float32:
         if question.kind == MATCH:
-            return np.float32(self._fit(question, percept, self._key in percept.computed))
+            if self._key in percept.computed:
+                return self._fits([question], [percept])[0, 0]
+            return self._fit(question, percept)
         if self._key in percept.computed and (column := self._column(question, percept)) >= 0:
             return percept.computed[self._key][column]
         channel = CHANNELS.index(question.kind)
@@ -194,17 +195,29 @@ class WindowReading(Vocabulary):
         found = anchors(percept, self.frame, self.n_anchors, self.resolution)
         return [(int(x), int(y)) for anchor in found for x, y in anchor.places(offset)]
 
-    def _fit(self, question: Any, percept: Retina, lasting: bool) -> float:
-        """The best fit of a patch; a lasting percept keeps its grey image, a cold one its windows."""
-        patch, best = self.patches[question.part], -1.0
+    def _fit(self, question: Any, percept: Retina) -> np.float32:
+        """The best fit of a patch, read window by window."""
+        patch, best = self.patches[question.part], np.float32(-1)
         for place in self._places(question, percept):
-            if lasting:
-                window = cut(grey_of(percept), place, self._reach(percept), self.stride)
-            else:
-                window = grey_window(percept, place, self._reach(percept), self.stride)
-                percept.count(macs=(window.size - patch.size) * patch.size)
-            best = max(best, best_match(window, patch))
+            window = grey_window(percept, place, self._reach(percept), self.stride)
+            percept.count(macs=(window.size - patch.size) * patch.size)
+            best = max(best, best_matches(window[None], patch[None])[0, 0])
         return best
+
+    def _fits(self, questions: Sequence[Any], percepts: Sequence[Retina]) -> np.ndarray:
+        """The best fits of patches at one place in lasting percepts, `(P, Q)` float32."""
+        parts, back = np.unique([question.part for question in questions], return_inverse=True)
+        patches = np.stack([self.patches[part] for part in parts.tolist()])
+        reach = self._reach(percepts[0])
+        windows: list[np.ndarray] = []
+        firsts: list[int] = []
+        for percept in percepts:
+            firsts.append(len(windows))
+            for place in self._places(questions[0], percept):
+                window = window_slices((percept.height, percept.width), place, reach, self.stride)
+                windows.append(grey_of(percept)[window])
+        best = np.maximum.reduceat(best_matches(np.stack(windows), patches), firsts, axis=0)
+        return best[:, back]
 
     def _reach(self, percept: Retina) -> int:
         """Side of the window that a patch is looked for in, pixels."""

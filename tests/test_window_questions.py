@@ -10,7 +10,7 @@ from attn_tree.tree.node import Node
 from attn_tree.vision.jitter import Jitter
 from attn_tree.vision.retina import Retina, meter
 from attn_tree.vision.window_features import (
-    best_match,
+    best_matches,
     cut,
     grey_window,
     to_grey,
@@ -52,17 +52,30 @@ def test_a_patch_cut_from_the_whole_is_the_one_that_a_window_reads() -> None:
 
 def test_the_best_match_is_the_largest_correlation() -> None:
     window = noise(3, 12, 14)[..., 0]
-    patch = window[4:9, 6:11].copy()
-    assert best_match(window, patch) == pytest.approx(1, abs=1e-5)
-    other = noise(4, 5, 5)[..., 0]
+    patches = np.stack([window[4:9, 6:11], noise(4, 5, 5)[..., 0]])
     correlations = [
-        np.corrcoef(window[y : y + 5, x : x + 5].ravel().astype(float), other.ravel().astype(float))[0, 1]
+        np.corrcoef(window[y : y + 5, x : x + 5].ravel().astype(float), patches[1].ravel().astype(float))[
+            0, 1
+        ]
         for y in range(8)
         for x in range(10)
     ]
-    assert best_match(window, other) == pytest.approx(max(correlations), abs=1e-4)
-    assert best_match(other[:3], other) == -1
-    assert best_match(np.full((8, 8), 7, np.uint8), other) == pytest.approx(0, abs=1e-6)
+    found = best_matches(window[None], patches)
+    np.testing.assert_allclose(found, [[1, max(correlations)]], atol=1e-6)
+    assert (best_matches(patches[:, :3], patches) == -1).all()
+    assert (best_matches(np.full((1, 8, 8), 7, np.uint8), patches) == 0).all()
+
+
+@pytest.mark.parametrize("side", [4, 16, 17])
+def test_matches_do_not_depend_on_how_many_are_compared(side: int) -> None:
+    windows = np.stack(
+        [noise(seed, 40, 44)[..., 0] for seed in range(5)] + [np.full((40, 44), 255, np.uint8)]
+    )
+    patches = np.stack([noise(seed, side, side)[..., 1] for seed in range(3)] + [windows[5, :side, :side]])
+    together = best_matches(windows, patches)
+    for i, window in enumerate(windows):
+        for j, patch in enumerate(patches):
+            assert together[i, j] == best_matches(window[None], patch[None])[0, 0]
 
 
 FRAMED = [
