@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from attn_tree.associative import AssociativeQ
     from attn_tree.forest import Forest
     from attn_tree.growth import Growth
     from attn_tree.learner import QuasiStaticLearner
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "RLVC",
+    "AssociativeQ",
     "Forest",
     "Growth",
     "ObjectTree",
@@ -31,6 +33,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "AssociativeQ": "associative",
     "Forest": "forest",
     "Growth": "growth",
     "ObjectTree": "object_tree",

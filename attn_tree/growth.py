@@ -36,7 +36,8 @@ class Growth:
         significance: largest Holm-adjusted p-value of a split; None asks for no test.
         cross_validated: compare questions by leave-one-percept-out variance reduction.
         retries: how often new candidate questions are drawn in one phase for a leaf that none separates.
-        prune: let the policy walk a pruned copy of the tree.
+        prune: let the policy walk a pruned copy of the tree; "smallest" rebuilds the copy as the smallest
+            tree that acts as well on what is remembered (`restructuring`).
         leaf_values: "q" learns action values by Q-learning; "model" solves the leaf process
             estimated from memory.
         patience: phases in a row without an aliased leaf, and with a settled table, after which
@@ -60,7 +61,7 @@ class Growth:
     significance: float | None = None
     cross_validated: bool = True
     retries: int = 10
-    prune: bool = True
+    prune: bool | Literal["smallest"] = True
     leaf_values: Literal["q", "model"] = "q"
     patience: int | None = 2
     drop_dead: bool = False
@@ -81,8 +82,11 @@ class Growth:
         self._check_shares()
         for name in ("cross_validated", "prune", "drop_dead"):
             value = getattr(self, name)
+            if name == "prune" and isinstance(value, str) and value == "smallest":
+                continue
             if not isinstance(value, (bool, np.bool_)):
-                raise ValueError(f"{name} is {value!r}; expected True or False")
+                other = ', or "smallest"' if name == "prune" else ""
+                raise ValueError(f"{name} is {value!r}; expected True or False{other}")
             object.__setattr__(self, name, bool(value))
 
     def _check_counts(self) -> None:

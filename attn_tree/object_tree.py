@@ -21,8 +21,8 @@ from attn_tree.learner import QuasiStaticLearner
 from attn_tree.object_questions import Detectors, ObjectVocabulary
 from attn_tree.percepts import Percepts
 
-# The thesis's t-test; every other setting is that of all trees.
-_GROWTH = Growth(significance=0.05, retries=0)
+# The thesis's t-test, and two objects looked at together where neither helps alone (there are few).
+_GROWTH = Growth(significance=0.05, retries=0, fringe=2)
 
 
 class ObjectTree(QuasiStaticLearner):
@@ -62,6 +62,8 @@ class ObjectTree(QuasiStaticLearner):
         growth = as_growth(growth, _GROWTH)
         if costs is not None and growth.criterion != "variance":
             raise ValueError(f"costs weigh the variance cleared up; they do not go with {growth.criterion!r}")
+        if costs is not None and settings.get("history"):
+            raise ValueError("costs are of objects in the scene: give costs or a history, not both")
         super().__init__(env, self.words, growth=growth, gamma=gamma, **settings)
 
     def _make_percepts(self) -> Percepts:

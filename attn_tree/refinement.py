@@ -127,7 +127,8 @@ def best_question(
         if not questions:
             return None
         answers = vocabulary.answer_table(questions, percepts)
-        best = split_for(leaf, evidence, answers, growth)
+        costs = np.array([vocabulary.cost(question) for question in questions])
+        best = split_for(leaf, evidence, answers, growth, None if (costs == costs[0]).all() else costs)
         if best is not None:
             return questions[best.question], answers[:, best.question]
     return None
@@ -141,9 +142,14 @@ def _with_room(answers: np.ndarray, leaf: Node, growth: Growth) -> np.ndarray:
     return np.array([q for q, column in enumerate(answers.T) if len(np.unique(column)) <= room], np.int64)
 
 
-def split_for(leaf: Node, evidence: Evidence, answers: np.ndarray, growth: Growth) -> Split | None:
+def split_for(
+    leaf: Node, evidence: Evidence, answers: np.ndarray, growth: Growth, costs: np.ndarray | None = None
+) -> Split | None:
     """The best of the questions with answers `(P, Q)`, or None: by the criterion asked for, looking
-    ahead where no single one helps, within the leaves that the tree may have."""
+    ahead where no single one helps, within the leaves that the tree may have.
+
+    `costs` `(Q,)` of asking weigh with the variance criterion alone.
+    """
     allowed = _with_room(answers, leaf, growth)
 
     def choose(evidence: Evidence, answers: np.ndarray, tests: int) -> Split | None:
@@ -154,7 +160,11 @@ def split_for(leaf: Node, evidence: Evidence, answers: np.ndarray, growth: Growt
         if growth.criterion == "utility":
             return most_useful(evidence, answers, significance=significance)
         return best_split(
-            evidence, answers, significance=significance, cross_validated=growth.cross_validated
+            evidence,
+            answers,
+            significance=significance,
+            cross_validated=growth.cross_validated,
+            costs=None if costs is None else costs[allowed],
         )
 
     found = fringe_split(evidence, answers[:, allowed], growth.fringe, choose)

@@ -22,6 +22,7 @@ from attn_tree.memory import Memory
 from attn_tree.percepts import BankPercepts, Percepts, percepts_for
 from attn_tree.picture import draw_learner
 from attn_tree.q_learning import TableLearner
+from attn_tree.restructuring import rebuilt
 from attn_tree.tree.node import Node, Tree
 from attn_tree.tree.pruning import prune
 from attn_tree.tree_policy import TreePolicy
@@ -158,7 +159,8 @@ class TreeLearner(TableLearner):
             found = [self.leaf_in(tree, percept).row for percept in lasting]
             return bool((values[found].argmax(axis=1) == before).all())
 
-        return prune(self.grown_tree, self.values, set(rows.tolist()), same_actions)
+        pruned = prune(self.grown_tree, self.values, set(rows.tolist()), same_actions)
+        return rebuilt(self, *pruned) if self.growth.prune == "smallest" else pruned
 
     def _remembered(self) -> np.ndarray:
         """Numbers of the percepts that are remembered."""

@@ -45,6 +45,15 @@ class Vocabulary(ABC):
             attempt: 0 at first, then 1, 2, … as long as no question offered separates the percepts.
         """
 
+    def every(self) -> Sequence[Question]:
+        """All questions there are, where they are few; none where they are drawn or too many."""
+        return ()
+
+    def cost(self, question: Question) -> float:
+        """What asking costs, in any unit; questions then compete by what they clear up per unit."""
+        del question
+        return 1.0
+
     def chosen(self, question: Question) -> None:
         """Called when a node is about to ask `question`: what it needs must be kept from now on."""
         del question  # most questions need nothing kept

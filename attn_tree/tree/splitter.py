@@ -32,6 +32,7 @@ def best_split(
     significance: float | None = None,
     cross_validated: bool = True,
     floor: float = 0.0,
+    costs: np.ndarray | None = None,
 ) -> Split | None:
     """The candidate question that clears up most of a leaf's confusion, or None.
 
@@ -42,13 +43,15 @@ def best_split(
         cross_validated: compare by leave-one-percept-out reduction. Where that finds no
             question helpful (as when every answer is met once) plain reduction decides.
         floor: smallest plain variance reduction worth a split.
+        costs: `(Q,)` of asking, positive; questions are then compared by the reduction per unit of cost
+            (thesis 6.6). None if equal.
 
     Ties go to the first question and the lowest action.
     """
     if answers.max(initial=0) >= _MANY:
         answers = np.column_stack([np.unique(column, return_inverse=True)[1] for column in answers.T])
     # Questions that part the percepts alike are one question (and one test): keep the first.
-    answers, first = _distinct(answers)
+    answers, first = _distinct(answers) if costs is None else _cheapest(answers, costs)
     plain: list[np.ndarray] = []
     ranking: list[np.ndarray] = []
     actions = np.unique(evidence.actions)
@@ -67,6 +70,8 @@ def best_split(
         return None
     if not (ranks[usable] > 0).any():
         ranks = reductions
+    if costs is not None:
+        ranks = ranks / costs[first]
     ranks = np.where(usable, ranks, -np.inf)
     row, question = np.unravel_index(int(np.argmax(ranks)), ranks.shape)
     return Split(
@@ -122,6 +127,14 @@ def _distinct(answers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     _, first = np.unique(answers, axis=1, return_index=True)
     first.sort()
     return answers[:, first], first
+
+
+def _cheapest(answers: np.ndarray, costs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `_distinct`, but of questions that are answered alike the cheapest is kept."""
+    order = np.argsort(costs, kind="stable")
+    _, first = _distinct(answers[:, order])
+    kept = np.sort(order[first])
+    return answers[:, kept], kept
 
 
 def _p_values(evidence: Evidence, answers: np.ndarray, actions: np.ndarray, usable: np.ndarray) -> np.ndarray:
