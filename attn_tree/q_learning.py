@@ -29,6 +29,7 @@ from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback
 from stable_baselines3.common.utils import FloatSchedule, safe_mean
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
+from attn_tree.action_parts import n_actions, to_space
 from attn_tree.model_file import load_learner, save_learner
 from attn_tree.rates import LEARNING_RATE, Rate, rate_from_json, rate_to_json
 from attn_tree.spaces_json import space_to_json
@@ -73,6 +74,7 @@ class TableLearner(BaseAlgorithm):
     """
 
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {}
+    action_spaces: ClassVar[tuple[type[spaces.Space[Any]], ...]] = (spaces.Discrete,)  # that it can act in
     policy: TablePolicy
 
     def __init__(
@@ -182,14 +184,15 @@ class TableLearner(BaseAlgorithm):
         return DummyVecEnv([lambda: env])
 
     def _setup_model(self) -> None:
-        if not isinstance(self.action_space, spaces.Discrete):
-            raise ValueError(f"{type(self).__name__} needs Discrete actions, not {self.action_space}")
+        if not isinstance(self.action_space, self.action_spaces):
+            wanted = " or ".join(space.__name__ for space in self.action_spaces)
+            raise ValueError(f"{type(self).__name__} needs {wanted} actions, not {self.action_space}")
         for space in (self.observation_space, self.action_space):
             space_to_json(space)  # one that could not be saved is refused before anything is learned
         self.lr_schedule = FloatSchedule(self.learning_rate)
         self._epsilon_schedule = FloatSchedule(self.epsilon)
         self.rng = np.random.default_rng(self.seed)
-        self.values = np.zeros((self._n_rows(), int(self.action_space.n)))
+        self.values = np.zeros((self._n_rows(), n_actions(self.action_space)))
         self._present: np.ndarray | None = None  # numbers of the percepts of the environments
         self.policy = self._make_policy()
         if self.seed is not None:
@@ -249,7 +252,7 @@ class TableLearner(BaseAlgorithm):
             percepts = self._present
             actions = self._choose(self.values[self._rows(percepts)])
             observations: Any
-            observations, rewards, dones, infos = self.env.step(actions)
+            observations, rewards, dones, infos = self.env.step(to_space(self.action_space, actions))
             if not np.isfinite(rewards).all():
                 raise ValueError(f"the environment gave a reward of {rewards[~np.isfinite(rewards)][0]}")
             self.num_timesteps += len(actions)

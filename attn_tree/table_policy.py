@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from stable_baselines3.common.policies import BasePolicy
 
+from attn_tree.action_parts import to_space
+
 if TYPE_CHECKING:
     from attn_tree.q_learning import TableLearner
 
@@ -36,6 +38,7 @@ class TablePolicy(BasePolicy):
         batch, single = self._batched(observation)
         values = self.action_values(batch)
         actions = values.argmax(axis=1) if deterministic else self.learner._choose(values)
+        actions = to_space(self.action_space, actions)
         return (actions[0] if single else actions), state
 
     def _batched(self, observation: Any) -> tuple[np.ndarray, bool]:
