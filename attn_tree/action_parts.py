@@ -27,7 +27,7 @@ def n_actions(space: spaces.Space[Any]) -> int:
 
 
 def to_space(space: spaces.Space[Any], numbers: np.ndarray) -> np.ndarray:
-    """Numbers `(n,)` as the environment wants them: `(n, parts)` int64 if it is MultiDiscrete, else the same."""
+    """Numbers `(n,)` as the environment wants them: `(n, parts)` int64 for MultiDiscrete, else the same."""
     if isinstance(space, spaces.MultiDiscrete):
         return np.stack(np.unravel_index(numbers, tuple(space.nvec)), axis=-1) + space.start
     return numbers
