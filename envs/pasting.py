@@ -1,7 +1,7 @@
 """Flat things painted on a canvas, seen from somewhere, and set into a photograph.
 
 What drawn signs (`drawn_signs.py`) and the scenes of sign navigation (`sign_scenes.py`) share. A thing is a
-square face `(192, 192, 3)` uint8 RGB and how much of it is covered, `(192, 192)` uint8.
+square face `(C, C, 3)` uint8 RGB and how much of it is covered, `(C, C)` uint8; C is 192 when it is drawn.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ GROUNDS = ("astronaut", "chelsea", "china", "coffee", "flower", "motorcycle_left
 SIDE = (20.0, 60.0)  # longer side of a thing in the image, pixels
 GAP = 6  # pixels between things, and to the border
 CANVAS = 192  # side of the square in which a thing is drawn
-FINER = 4  # pasted at so many times the image's resolution, then averaged
+FINER = 4  # so many samples across a pixel of the image
 
 Colour = tuple[int, int, int]
 Range = tuple[float, float]
@@ -110,7 +110,7 @@ def pose(
     turn = cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0] @ cv2.Rodrigues(np.array([pitch, yaw, 0.0]))[0]
     distance = 4.0  # half-widths of the thing
     project = np.array([distance * turn[0, [0, 1]], distance * turn[1, [0, 1]], turn[2, [0, 1]]])
-    to_unit = shift(-1, -1) @ np.diag([2 / CANVAS, 2 / CANVAS, 1.0])
+    to_unit = shift(-1, -1) @ np.diag([2 / len(cover), 2 / len(cover), 1.0])
     warp = np.column_stack([project, [0, 0, distance]]) @ to_unit
     outline = cv2.findContours((cover > 127).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0][0]
     seen = cv2.perspectiveTransform(outline.astype(np.float64) + 0.5, warp)[:, 0]
@@ -127,6 +127,7 @@ def paste(
     box: np.ndarray,
     rng: np.random.Generator,
     weather: Weather = WEATHER,
+    finer: int = FINER,
 ) -> None:
     """Paint a thing into the image, faded, lit and blurred.
 
@@ -137,15 +138,16 @@ def paste(
         box: `(4,)` x0, y0, x1, y1 of the thing in the image, at least half of `GAP` from its border.
         rng: of the weather.
         weather: what happens to it.
+        finer: pasted at so many times the image's resolution, then averaged.
     """
     fading, light, blur = (rng.uniform(*reach) for reach in weather)
     left, top = np.floor(box[:2]).astype(int) - GAP // 2
     width, height = np.ceil(box[2:]).astype(int) + GAP // 2 - (left, top)
     # Edges at whole numbers here, centers of pixels there.
-    finer = shift(-0.5, -0.5) @ np.diag([FINER, FINER, 1.0]) @ shift(-left, -top) @ warp @ shift(0.5, 0.5)
-    sides = int(width * FINER), int(height * FINER)
-    painted = cv2.warpPerspective(face, finer, sides, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    covered = cv2.warpPerspective(cover, finer, sides, flags=cv2.INTER_LINEAR)
+    sampled = shift(-0.5, -0.5) @ np.diag([finer, finer, 1.0]) @ shift(-left, -top) @ warp @ shift(0.5, 0.5)
+    sides, flags = (int(width * finer), int(height * finer)), cv2.INTER_LINEAR
+    painted = cv2.warpPerspective(face, sampled, sides, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    covered = cv2.warpPerspective(cover, sampled, sides, flags=flags)
     fine = np.dstack([painted, covered]).astype(np.float32) / 255
     fine[:, :, :3] *= fine[:, :, 3:]
     planes = cv2.resize(fine, (int(width), int(height)), interpolation=cv2.INTER_AREA)

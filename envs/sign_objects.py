@@ -24,6 +24,9 @@ HALF = CANVAS // 2
 
 TRIANGLE = np.array([(0.0, -0.8), (0.9, 0.74), (-0.9, 0.74)])
 SQUARE = np.array([(-0.85, -0.85), (0.85, -0.85), (0.85, 0.85), (-0.85, 0.85)])
+CAN = np.array(
+    [(-1, -0.8), (-0.86, -0.93), (0.86, -0.93), (1, -0.8), (1, 0.82), (0.86, 0.93), (-0.86, 0.93), (-1, 0.82)]
+)
 BICYCLE: Strokes = (
     ((-0.42, 0.22), (-0.2, -0.16), (0.26, -0.16), (-0.02, 0.22), (-0.42, 0.22)),  # frame
     ((-0.02, 0.22), (-0.26, -0.28)),  # seat tube
@@ -90,7 +93,7 @@ def _bike(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     _disc(cover, (0, 0), 0.94, 255)
     if rng.random() < 0.7:
         cv2.circle(face, (HALF, HALF), round(0.87 * HALF), WHITE, round(0.05 * HALF), cv2.LINE_AA)
-    way, size, thick = _way(rng), rng.uniform(1.1, 1.25), rng.uniform(0.07, 0.1)
+    way, size, thick = _way(rng), rng.uniform(1.0, 1.12), rng.uniform(0.07, 0.1)
     stroke(face, _moved(BICYCLE, way, size, 0.02), WHITE, thick)
     for x, y in WHEELS:
         center = canvas_pixels(np.array([x * way * size, y * size + 0.02]))
@@ -114,22 +117,11 @@ def _triangle(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def _coke(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     face, cover = blank(_shade(RED, rng))
     wide, way = rng.uniform(0.46, 0.54), _way(rng)
-    body = np.array(
-        [
-            (-1, -0.8),
-            (-0.86, -0.93),
-            (0.86, -0.93),
-            (1, -0.8),
-            (1, 0.82),
-            (0.86, 0.93),
-            (-0.86, 0.93),
-            (-1, 0.82),
-        ]
-    )
-    fill(cover, body * (wide, 1), 255)
+    fill(cover, CAN * (wide, 1), 255)
     x = np.linspace(-1, 1, 40)
-    wave = 0.16 * np.sin(1.6 * x * way + rng.uniform(-0.3, 0.3)) + 0.34 * x * way
-    ribbon = np.concatenate([np.stack([x, wave + 0.25], 1), np.stack([x, wave + 0.4], 1)[::-1]])
+    wave = 0.2 * np.sin(2.8 * x * way + rng.uniform(-0.4, 0.4)) + 0.06 * x * way
+    upper, lower = np.stack([x, wave + 0.32], 1), np.stack([x, wave + 0.36 + 0.14 * x**2], 1)
+    ribbon = np.concatenate([upper, lower[::-1]])
     fill(face, ribbon * (wide, 1), WHITE)
     x = np.linspace(-0.72, 0.72, 60)
     script = np.stack([x * wide * 1.05, -0.22 + 0.15 * np.sin(x * rng.uniform(15, 19)) + 0.1 * x], 1)
@@ -137,9 +129,9 @@ def _coke(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     for y, thick in ((-0.88, 0.13), (0.9, 0.1)):
         stroke(face, (((-1, y), (1, y)),), SILVER, thick)
     across = (np.arange(CANVAS) + 0.5 - HALF) / (wide * HALF)
-    round_ = np.sqrt(np.clip(1 - (across * 0.97) ** 2, 0, 1)) * 0.75 + 0.32
+    rounded = np.sqrt(np.clip(1 - (across * 0.97) ** 2, 0, 1)) * 0.75 + 0.32
     gloss = 60 * np.exp(-(((across + 0.42 * way) / 0.13) ** 2))
-    lit = face * round_[None, :, None] + gloss[None, :, None]
+    lit = face * rounded[None, :, None] + gloss[None, :, None]
     return np.clip(lit, 0, 255).astype(np.uint8), cover
 
 

@@ -6,7 +6,8 @@ it and where is known to whoever scores a detector.
 
 Deviations: (1) the thesis embeds its signs in natural scenes that could not be found; ours are the seven
 coloured photographs of `pasting.py`, cut differently every time; (2) the thesis kept only scenes on which its
-saliency model and recogniser succeed, nothing is selected here. Real signs (GTSDB, Groningen) are not
+saliency model and recogniser succeed, here an object is only kept off ground of its own colour if there is
+other ground; (3) an object has 24 looks, which held-out scenes share. Real signs (GTSDB, Groningen) are not
 used: a state needs a *chosen set* of objects in one image, which no such photograph offers.
 """
 
@@ -15,7 +16,9 @@ from __future__ import annotations
 import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
+import cv2
 import numpy as np
 
 from envs.pasting import GAP, Tilt, Weather, ground, paste, pose, shift
@@ -29,6 +32,10 @@ APART = 14.0  # pixels between objects there
 SMALLEST = 32  # either side of a scene
 TILT = Tilt(yaw=18, pitch=10, roll=8)
 WEATHER = Weather(fading=(0, 0.15), light=(0.75, 1.1), blur=(0.3, 0.7))
+LOOKS = 24  # of each object
+CANVAS, FINER = 96, 2  # side of the square from which an object is pasted, samples across a pixel
+CONTRAST = 30.0  # least CIELAB difference between the main colour of an object and its ground, if possible
+COARSE = 6  # the ground is compared at so many times fewer pixels
 MOST_OTHERS = 3
 
 
@@ -80,11 +87,12 @@ def sign_scene(objects: Collection[str], rng: np.random.Generator, size: tuple[i
         raise ValueError(f"size is {size}; a scene needs at least {SMALLEST}×{SMALLEST} pixels")
     image = ground(size, rng)
     scale = min(size[0] / FULL[0], size[1] / FULL[1])
-    things = [draw_object(name, rng) for name in names]
-    poses = [pose(cover, rng, TILT, (SIDE[0] * scale, SIDE[1] * scale)) for _, cover in things]
-    boxes = _places(np.array([extent for _, extent in poses]).reshape(-1, 2), size, APART * scale, rng)
-    for (face, cover), (warp, _), box in zip(things, poses, boxes, strict=True):
-        paste(image, face, cover, shift(*box[:2]) @ warp, box, rng, WEATHER)
+    things = [_look(name, int(rng.integers(LOOKS))) for name in names]
+    poses = [pose(cover, rng, TILT, (SIDE[0] * scale, SIDE[1] * scale)) for _, cover, _ in things]
+    places = _Places(image, APART * scale, rng)
+    boxes = places.choose([extent for _, extent in poses], [colour for _, _, colour in things])
+    for (face, cover, _), (warp, _), box in zip(things, poses, boxes, strict=True):
+        paste(image, face, cover, shift(*box[:2]) @ warp, box, rng, WEATHER, FINER)
     image = relight(image, rng)
     image.flags.writeable = False
     return SignScene(image, dict(zip(names, boxes, strict=True)))
@@ -141,18 +149,53 @@ def tagged_objects(name: str, n: int, seed: int, size: tuple[int, int] = FULL) -
     return scenes
 
 
-def _places(
-    extents: np.ndarray, size: tuple[int, int], apart: float, rng: np.random.Generator
-) -> list[np.ndarray]:
-    """Boxes of these extents `(k, 2)` in the image, no two closer than `apart`."""
-    while True:
-        boxes: list[np.ndarray] = []
-        for extent in extents:
-            for _ in range(50):
-                corner = rng.uniform(GAP, np.array(size) - extent - GAP)
-                box = np.concatenate([corner, corner + extent])
-                if all((box[:2] > b[2:] + apart).any() or (box[2:] < b[:2] - apart).any() for b in boxes):
-                    boxes.append(box)
-                    break
-        if len(boxes) == len(extents):
-            return boxes
+@cache
+def _look(name: str, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """One look of an object: face and cover on the small canvas, and its main colour, CIELAB `(3,)`."""
+    drawn = draw_object(name, np.random.default_rng([number, zlib.crc32(name.encode())]))
+    face, cover = (cv2.resize(plane, (CANVAS, CANVAS), interpolation=cv2.INTER_AREA) for plane in drawn)
+    return face, cover, np.median(_lab(face)[cover > 127], axis=0)
+
+
+def _lab(image: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+
+
+class _Places:
+    """Where in an image things may lie.
+
+    Args:
+        image: the ground.
+        apart: least distance between two boxes, pixels.
+        rng: of the places.
+    """
+
+    def __init__(self, image: np.ndarray, apart: float, rng: np.random.Generator) -> None:
+        self.size = np.array(image.shape[1::-1])
+        self.coarse = _lab(image[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE])
+        self.apart, self.rng = apart, rng
+
+    def choose(self, extents: Sequence[np.ndarray], colours: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Boxes of these extents, apart from one another and on ground of another colour if possible."""
+        contrast = CONTRAST
+        while True:
+            boxes: list[np.ndarray] = []
+            for extent, colour in zip(extents, colours, strict=True):
+                for _ in range(50):
+                    corner = self.rng.uniform(GAP, self.size - extent - GAP)
+                    box = np.concatenate([corner, corner + extent])
+                    if self._free(box, boxes) and self._difference(box, colour) >= contrast:
+                        boxes.append(box)
+                        break
+            if len(boxes) == len(extents):
+                return boxes
+            contrast *= 0.7
+
+    def _free(self, box: np.ndarray, boxes: Sequence[np.ndarray]) -> bool:
+        low, high = box[:2] - self.apart, box[2:] + self.apart
+        return all((low > other[2:]).any() or (high < other[:2]).any() for other in boxes)
+
+    def _difference(self, box: np.ndarray, colour: np.ndarray) -> float:
+        x0, y0, x1, y1 = (box / COARSE).astype(int).tolist()
+        covered = self.coarse[y0 : y1 + 1, x0 : x1 + 1].reshape(-1, 3).mean(axis=0)
+        return float(np.sqrt(((covered - colour) ** 2).sum()))
