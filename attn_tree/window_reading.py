@@ -211,11 +211,14 @@ class WindowReading(Vocabulary):
         reach = self._reach(percepts[0])
         windows: list[np.ndarray] = []
         firsts: list[int] = []
+        cuts: list[tuple[slice, slice]] = []
         for percept in percepts:
+            if not cuts or self.frame != "image":  # in which a place is the same in all
+                shape = percept.height, percept.width
+                places = self._places(questions[0], percept)
+                cuts = [window_slices(shape, place, reach, self.stride) for place in places]
             firsts.append(len(windows))
-            for place in self._places(questions[0], percept):
-                window = window_slices((percept.height, percept.width), place, reach, self.stride)
-                windows.append(grey_of(percept)[window])
+            windows += [grey_of(percept)[each] for each in cuts]
         best = np.maximum.reduceat(best_matches(np.stack(windows), patches), firsts, axis=0)
         return best[:, back]
 
