@@ -1,7 +1,7 @@
 """Object recognition by reward, the gist first, and the number of codewords (8.4.4, 8.3.1, figure 8.18c).
 
 Naming an object is a world of one step, in which Δ is the reward alone. The thesis has one view of an
-object; what happens on other views is `held-out-views`.
+object; what happens on other views is `held-out-*`.
 """
 
 from __future__ import annotations
