@@ -1,6 +1,7 @@
 """Everything that the thesis's methods are measured against."""
 
 from baselines.bank_extractor import BankExtractor
+from baselines.c45 import C45
 from baselines.glimpse import GlimpseExtractor, GlimpseLogger, GlimpsePPO
 from baselines.macs import count_macs
 from baselines.nature_cnn import NatureDQN, NatureExtractor, NaturePPO
@@ -15,6 +16,7 @@ from baselines.template import TemplateMatcher, learn_template
 from baselines.vocus import VOCUS, learn_vocus
 
 __all__ = [
+    "C45",
     "NVT",
     "VOCUS",
     "BankExtractor",
