@@ -67,11 +67,7 @@ def regions(
     width, height = retina.width, retina.height
     if kind == "whole":
         return [(width // 2, height // 2)]
-    if window > min(width, height):
-        raise ValueError(
-            f"a window of {window} pixels does not fit into an image of {width}×{height}; "
-            f"use window={min(width, height)} or less"
-        )
+    check_fits(window, width, height)
     key = ("regions", kind, points, window, seed, resolution)
     if key not in retina.computed:
         if kind == "salient":
@@ -101,6 +97,24 @@ def check_regions(kind: str, points: int, window: int, resolution: float = 1.0) 
         raise ValueError(f"window is {window!r}; expected a side in pixels, a whole number of at least 1")
     if not is_number(resolution) or not 0 < resolution <= 1:
         raise ValueError(f"resolution is {resolution!r}; expected a share of the image's size in (0, 1]")
+
+
+def check_fits(window: int, width: int, height: int) -> None:
+    """Refuse a window larger than an image.
+
+    Raises:
+        ValueError: with the largest window that fits.
+    """
+    if window > min(width, height):
+        raise ValueError(
+            f"a window of {window} pixels does not fit into an image of {width}×{height}; "
+            f"use window={min(width, height)} or less"
+        )
+
+
+def scaled_window(window: int, width: int, height: int) -> int:
+    """A window of the thesis, meant for 640×480 pixels, as large a share of an image of another size."""
+    return max(round(window * (width * height / (640 * 480)) ** 0.5), 1)
 
 
 def _salient(retina: Retina, points: int, resolution: float) -> np.ndarray:

@@ -1,13 +1,18 @@
-"""RLVC: is visual feature f anywhere in the image? (thesis 3.4, 7.4; Jodogne & Piater 2007)
+"""RLVC: is visual feature f in the image? (thesis 3.4, 7.4; Jodogne & Piater 2007)
 
 A node asks for one *distinctive* SIFT feature over the whole image; the tree is binary.
 Distinctive features come from clustering the SIFT features of some images; where none of
 them separates the percepts of a class, features of those percepts are added (as in 3.4).
 
+*RLVC with saliency* (thesis 7.4) extracts and seeks features in a few windows alone, at the
+salient places of the image; random and fixed places are its controls (see `regions`). One
+look finds the places and reads the windows once, whatever the depth of the tree.
+
 Deviations: (1) the distance at which a feature counts as present is a setting of its own
 (`match`): at the thesis's clustering distance, 0.8, nearly every image holds every feature;
 (2) as the thesis asks, a split must pass a t-test at 0.05, here Welch's, Holm-corrected, over
-percepts (see `tree.criterion`).
+percepts (see `tree.criterion`); (3) a window is read as an image of its own, as a fovea would: no
+feature reaches over its border.
 """
 
 from __future__ import annotations
@@ -16,16 +21,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 from stable_baselines3.common.type_aliases import GymEnv
 
 from attn_tree.growth import Growth
 from attn_tree.learner import QuasiStaticLearner
+from attn_tree.percepts import BankPercepts
+from attn_tree.regions import Place, Regions, check_fits, check_regions, regions, scaled_window
 from attn_tree.tree.node import Node
 from attn_tree.vision.codebook import distances, distinctive_features
 from attn_tree.vision.retina import Retina
-from attn_tree.vision.sift import DESCRIPTOR_SIZE, Features, sift_whole
+from attn_tree.vision.sift import DESCRIPTOR_SIZE, Features, sift_in_window, sift_whole
+from attn_tree.vision.window_features import window_slices
 from attn_tree.vocabulary import Vocabulary
+
+_WINDOW = 100  # the thesis's side of a window in 640×480
+# The picture of a node: its longest side in pixels, colours of the windows and of the feature.
+_PICTURE, _WINDOWS, _FEATURE = 96, (86, 180, 233), (230, 159, 0)
 
 
 class FeatureVocabulary(Vocabulary):
@@ -52,7 +65,7 @@ class FeatureVocabulary(Vocabulary):
 
     def prepare(self, images: Sequence[np.ndarray], rng: np.random.Generator) -> None:
         """Find distinctive features among the SIFT features of some images, in random order."""
-        descriptors = np.concatenate([sift_whole(Retina(image)).descriptors for image in images])
+        descriptors = np.concatenate([self._read(Retina(image)).descriptors for image in images])
         self.features = distinctive_features(rng.permutation(descriptors), self.distinct)
 
     def candidates(
@@ -121,20 +134,103 @@ class FeatureVocabulary(Vocabulary):
                 nearest = int(gaps.argmin())
                 if best is None or gaps[nearest] < best[0]:
                     best = (float(gaps[nearest]), retina, found.positions[nearest])
-        if best is None:
-            return None
-        return best[1].window((float(best[2][0]), float(best[2][1])), 32)
+        return None if best is None else self._shown(best[1], (float(best[2][0]), float(best[2][1])))
+
+    def _shown(self, retina: Retina, at: tuple[float, float]) -> np.ndarray:
+        """A feature's surroundings."""
+        return retina.window(at, 32)
+
+
+class RegionVocabulary(FeatureVocabulary):
+    """Is distinctive feature f among the SIFT features of the windows of the image?
+
+    Args:
+        distinct, match: those of `FeatureVocabulary`.
+        kind, points, window, resolution: those of `regions`; window None is the thesis's 100 of 640×480,
+            in proportion to the image.
+    """
+
+    def __init__(
+        self,
+        distinct: float,
+        match: float,
+        kind: Regions,
+        points: int = 5,
+        window: int | None = None,
+        resolution: float = 0.5,
+    ) -> None:
+        super().__init__(distinct, match)
+        check_regions(kind, points, 1 if window is None else window, resolution)
+        self.kind, self.points, self.window, self.resolution = kind, points, window, resolution
+
+    def size(self, width: int, height: int) -> int:
+        """Side of the windows in an image of this size, pixels.
+
+        Raises:
+            ValueError: they do not fit.
+        """
+        window = scaled_window(_WINDOW, width, height) if self.window is None else self.window
+        check_fits(window, width, height)
+        return window
+
+    def places(self, retina: Retina) -> list[Place]:
+        """The centres of the windows."""
+        size = self.size(retina.width, retina.height)
+        return regions(retina, self.kind, self.points, size, resolution=self.resolution)
+
+    def _read(self, retina: Retina) -> Features:
+        """The features of the windows, in order of the places; positions are those in the image."""
+        key = ("features of regions", self.kind, self.points, self.window, self.resolution)
+        if key not in retina.computed:
+            size = self.size(retina.width, retina.height)
+            found = [_in_place(retina, place, size) for place in self.places(retina)]
+            retina.computed[key] = Features(
+                np.concatenate([each.positions for each in found]),
+                np.concatenate([each.responses for each in found]),
+                np.concatenate([each.descriptors for each in found]),
+            )
+        return retina.computed[key]
+
+    def _shown(self, retina: Retina, at: tuple[float, float]) -> np.ndarray:
+        """The image with its windows, and the feature marked."""
+        scale = _PICTURE / max(retina.width, retina.height)
+        image = np.ascontiguousarray(cv2.resize(retina.whole(), None, fx=scale, fy=scale))
+        if image.ndim == 2:
+            image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+        size = self.size(retina.width, retina.height)
+        for place in self.places(retina):
+            rows, columns = window_slices((retina.height, retina.width), place, size, 1)
+            corners = np.array([[columns.start, rows.start], [columns.stop, rows.stop]])
+            first, last = np.round(corners * scale).astype(int).tolist()
+            cv2.rectangle(image, first, last, _WINDOWS, 1)
+        return cv2.circle(image, np.round(np.array(at) * scale).astype(int).tolist(), 4, _FEATURE, 2)
+
+
+def _in_place(retina: Retina, place: Place, size: int) -> Features:
+    """The features of one window at their places in the image."""
+    rows, columns = window_slices((retina.height, retina.width), place, size, 1)
+    found = sift_in_window(retina, place, size)
+    return replace(found, positions=found.positions + np.array([columns.start, rows.start], np.float32))
 
 
 class RLVC(QuasiStaticLearner):
-    """Reinforcement learning of visual classes, over the whole image.
+    """Reinforcement learning of visual classes, over the whole image or at a few places of it.
+
+    >>> RLVC(env, regions="salient", points=5, window=50).learn(60_000)  # doctest: +SKIP
 
     Args:
         env: as for `QuasiStaticLearner`.
         distinct: clustering distance of the distinctive features (thesis: 0.8).
         match: distance within which a feature is present.
+        regions: "whole", or features in windows at "salient", "random" or "fixed" places.
+        points: b, how many windows (thesis: 1 to 5).
+        window: W, their side in pixels; None for the thesis's 100 of 640×480 in proportion to the image.
+        resolution: at which the saliency map is worked out; it costs its square, as a share of the image.
         growth: as for `QuasiStaticLearner`; `significance` is 0.05 unless given.
         **settings: those of `QuasiStaticLearner` and `TableLearner`.
+
+    Raises:
+        ValueError: a setting makes no sense, or windows do not fit into the images.
     """
 
     def __init__(
@@ -143,14 +239,39 @@ class RLVC(QuasiStaticLearner):
         *,
         distinct: float = 0.8,
         match: float = 0.55,
+        regions: Regions = "whole",
+        points: int = 5,
+        window: int | None = None,
+        resolution: float = 0.5,
         growth: Growth | dict[str, Any] | None = None,
         **settings: Any,
     ) -> None:
         if growth is None:
             growth = replace(Growth(), significance=0.05)
-        self.features = FeatureVocabulary(distinct, match)
+        windows = RegionVocabulary(distinct, match, regions, points, window, resolution)
+        if regions == "whole" and window is not None:
+            raise ValueError(
+                f"window is {window}, but the whole image is searched; give regions='salient', 'random' or "
+                "'fixed' as well"
+            )
+        self.windows = windows
+        self.features = FeatureVocabulary(distinct, match) if regions == "whole" else windows
         super().__init__(env, self.features, growth=growth, **settings)
 
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        sights = self._percepts.sights
+        if self.features is self.windows and isinstance(sights, BankPercepts) and len(sights.images):
+            self.windows.size(sights.images.shape[2], sights.images.shape[1])
+
     def _settings(self) -> dict[str, Any]:
-        words = self.features
-        return {**super()._settings(), "distinct": words.distinct, "match": words.match}
+        words, windows = self.features, self.windows
+        return {
+            **super()._settings(),
+            "distinct": words.distinct,
+            "match": words.match,
+            "regions": windows.kind,
+            "points": windows.points,
+            "window": windows.window,
+            "resolution": windows.resolution,
+        }
