@@ -157,7 +157,7 @@ class RegionVocabulary(FeatureVocabulary):
         kind: Regions,
         points: int = 5,
         window: int | None = None,
-        resolution: float = 0.5,
+        resolution: float = 1.0,
     ) -> None:
         super().__init__(distinct, match)
         check_regions(kind, points, 1 if window is None else window, resolution)
@@ -242,7 +242,7 @@ class RLVC(QuasiStaticLearner):
         regions: Regions = "whole",
         points: int = 5,
         window: int | None = None,
-        resolution: float = 0.5,
+        resolution: float = 1.0,
         growth: Growth | dict[str, Any] | None = None,
         **settings: Any,
     ) -> None:
