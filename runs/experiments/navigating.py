@@ -164,8 +164,16 @@ def figures(driven: Driven, flip: float = 0.0, asks: int = 1) -> dict[str, Any]:
     }
 
 
-def asked(driven: Driven, flip: float, asks: int) -> dict[str, float]:
-    """Questions, readings and cost of a decision, means over states; the same errors at each call."""
+def asked(
+    driven: Driven, flip: float = 0.0, asks: int = 1, prices: Sequence[float] | None = None
+) -> dict[str, float]:
+    """Questions, readings and cost of a decision, means over states; the same errors at each call.
+
+    Args:
+        driven: what has learned.
+        flip, asks: as for `drive`.
+        prices: of the objects in order; those that the learner weighs if None.
+    """
     from attn_tree.vision.retina import meter
 
     model, world = driven.model, driven.world
@@ -181,10 +189,11 @@ def asked(driven: Driven, flip: float, asks: int) -> dict[str, float]:
         questions.append(spent.operations["questions"])
         readings.append(spent.recognition)
         path = model.policy.leaf(observation).path_questions()
-        costs.append(sum(model.vocabulary.cost(question) for question in path))
+        each = [model.vocabulary.cost(q) if prices is None else prices[q.object] for q in path]
+        costs.append(sum(each))
     return {
-        name: float(np.mean(each))
-        for name, each in (("questions", questions), ("readings", readings), ("cost", costs))
+        name: float(np.mean(values))
+        for name, values in (("questions", questions), ("readings", readings), ("cost", costs))
     }
 
 
