@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from baselines.tabular import TabularQ
+from envs.known_actions import known_actions, only_costs
 from envs.navigation import conflicts, sign_navigation
 from envs.noisy import every_reading
 from envs.road_maps import COMPLEX, COMPLEX_OBJECTS, SIMPLE, SIMPLE_OBJECTS, read_map, read_objects
@@ -163,3 +165,79 @@ def test_an_impossible_sensor_is_refused(settings, message):
         make_vec(NAVIGATION, **({"obs": "symbols"} | PLAIN | settings))
     with pytest.raises(ValueError, match="too many combinations"):
         every_reading(np.zeros((1, 5), int), 0.1, 4)
+
+
+# Known motor actions ----------------------------------------------------------------------------
+
+
+def test_what_may_be_known_is_all_that_answers_can_tell_and_nothing_else():
+    world = known_actions("complex").train
+    scenes = np.unique(sign_navigation("complex", **PLAIN).train.symbols[:-2], axis=0)
+    reachable = set()
+    for scene in scenes:
+        for asked in np.ndindex(*(2,) * 5):
+            reachable.add(tuple(np.where(asked, scene + 1, 0).tolist()))
+    assert {tuple(row) for row in world.symbols[:-2].tolist()} == reachable
+    assert world.start[0] == 1 and not world.symbols[0].any() and world.state_names[0] == "nothing known"
+
+
+def test_beliefs_and_payments_are_those_of_asking_in_every_state_of_the_map():
+    """Every question and action of every belief, replayed scene by scene."""
+    world, roads = known_actions().train, sign_navigation(**PLAIN).train
+    right, scenes = roads.optimal_actions(0.9)[:12], roads.symbols[:12]
+    number = {tuple(row): state for state, row in enumerate(world.symbols[:-2].tolist())}
+    for known, state in number.items():
+        fits = [
+            s for s in range(12) if all(k in (0, held + 1) for k, held in zip(known, scenes[s], strict=True))
+        ]
+        for action in range(3):
+            sure = np.mean([right[s, action] for s in fits]) if any(known) else 0
+            assert world.probability[state, action] == pytest.approx([sure, 1 - sure])
+            assert world.reward[state, action].tolist() == [100, -100]
+        for o, cost in enumerate((4, 3, 2, 1)):
+            leads = {}
+            for s in fits:
+                after = number[(*known[:o], int(scenes[s, o]) + 1, *known[o + 1 :])]
+                leads[after] = leads.get(after, 0) + 1 / len(fits)
+            found = zip(world.next_state[state, 3 + o], world.probability[state, 3 + o], strict=True)
+            assert {int(after): share for after, share in found if share} == pytest.approx(leads)
+            assert (world.reward[state, 3 + o] == -cost).all()
+
+
+def test_the_cheapest_way_to_know_the_right_action():
+    world = known_actions().train
+    policy = np.eye(world.n_actions)[world.optimal_values(0.9).argmax(axis=1)]
+    cost = only_costs(world).expected_return(policy, 50)
+    assert cost == pytest.approx(-73 / 12)  # figure 6.7's task, worked out apart from this project: -6.08
+    assert world.expected_return(policy, 50) == pytest.approx(100 + cost)
+    everything = known_actions(full=True).train
+    policy = np.eye(3)[everything.optimal_values(0.9).argmax(axis=1)]
+    assert only_costs(everything).expected_return(policy, 50) == pytest.approx(-10)
+    assert everything.expected_return(policy, 50) == pytest.approx(90)
+    assert everything.n_actions == 3 and (everything.symbols[:-2] > 0).all()
+    free = known_actions(costs=(0, 0, 0, 0)).train
+    assert free.optimal_return(50, 0.9) == pytest.approx(100)
+
+
+def test_a_table_learns_to_attend_for_less_than_full_attention():
+    env = make_vec("SignNavigation-simple-KnownActions-v0", 32, seed=0, obs="index")
+    model = TabularQ(env, gamma=0.9, epsilon=0.3, seed=0).learn(40_000)
+    world = env.get_attr("world")[0]
+    policy = np.eye(world.n_actions)[model.values.argmax(axis=1)]
+    assert only_costs(world).expected_return(policy, 50) > -7
+    assert world.expected_return(policy, 50) > 92
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"costs": (4, 3, 2)}, "4 numbers, not negative, for pedestrian, crossing, bike, triangle; not"),
+        ({"costs": (4, 3, 2, -1)}, "not negative"),
+        ({"costs": (4, 3, 2, float("inf"))}, "not negative"),
+        ({"map": "1--- G", "objects": "- - - -"}, "nothing could be attended to"),
+        ({"map": "1--- G", "objects": "A B C"}, "no object set"),
+    ],
+)
+def test_impossible_prices_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        known_actions(**settings)
