@@ -16,9 +16,9 @@ What the thesis leaves open or contradicts, settled so that table 4.2 is optimal
     turns and three-ways; crosses are crossed straight on, the only action that table 4.2 knows there.
     Anything else is off the road: −2, and the car stays where it is.
 (4) *Lights* are red for `RED` steps and green for `GREEN`, and a driver finds them anywhere in that
-    cycle by chance. Passing on red and staying on green cost −2, and a light stays green while
-    a driver stands before it. Without this, waiting for ever for the next red (+3 a step) can be
-    worth more than driving. As it is, dynamic programming finds the rules optimal on every map.
+    cycle by chance. Passing on red costs −2 and so does staying anywhere but at a red light, and a
+    light stays green while a driver stands before it. Without this, waiting for ever for the next
+    red (+3 a step) can be worth more than driving. Dynamic programming finds the rules optimal.
 (5) *Rewards* go by the light as it is, seen or not. Where no rule applies they are 0.
 (6) The thesis's task goes on for ever; here a time limit cuts it, which is no end.
 """
@@ -53,7 +53,7 @@ SIGNS = {OTHERS: "a light for others", STOP: "red", GO: "green", NOTHING: "nothi
     OTHER_SIGNS, "another sign"
 )
 
-LOOK, OBEY, WRONG = 3.0, 2.0, -2.0  # rules 1 and 2, rules 3 to 5, going wrong
+LOOK, OBEY, WRONG = 3.0, 2.0, -2.0  # rules 1 and 2, rules 3 to 5, anything punished
 
 
 class Rule(NamedTuple):
@@ -175,17 +175,14 @@ class Drive:
         return [state.phase if held else (state.phase + 1) % CYCLE]
 
     def reward(self, state: State, motor: int, attention: int) -> float:
-        """Reward of an action that stays on the road: table 4.2 where it applies, else 0."""
-        position, red = self.roads.position(state.pose), 0 <= state.phase < RED
-        if position == 1:
-            return LOOK if (motor, attention) == (FORWARD, _FR) else 0.0
-        if position == 2 and red != (motor == STAY):
-            return WRONG  # passing on red, staying on green
-        if position == 2 and red:
+        """Reward of an action that does not leave the road: table 4.2 where it applies."""
+        position = self.roads.position(state.pose)
+        stop = position == 2 and state.phase < RED
+        if stop != (motor == STAY):
+            return WRONG  # passing on red, staying without need
+        if stop or position == 1:
             return LOOK if attention == _FR else 0.0
-        if position in (2, 3):
-            return OBEY if (motor, attention) == (FORWARD, NULL) else 0.0
-        return 0.0
+        return OBEY if position in (2, 3) and attention == NULL else 0.0
 
     def seen(self, state: State) -> list[tuple[int, ...]]:
         """The perceptual states that a state may show, all equally likely."""
@@ -224,9 +221,9 @@ def driving(map: str = "a", bank_seed: int = 0, signs: float = 0.4, image_size: 
     crosses, crosses and three-ways, a town.
 
     ## Observation Space
-    One of 54 perceptual states, the same on every map. `obs="symbols"`: `MultiDiscrete([2] * 6 +
-    [10])`, the digits of table 4.2, FL FF FR L F R (0 road, 1 anything else) and the value of the sign
-    (`envs.driving.SIGNS`). By default `Box(0, 255, (H, W, 3), uint8)`, a drawing of it; `obs="index"`
+    One of 54 perceptual states, the same on every map. `obs="symbols"`: `MultiDiscrete([2, 2,
+    2, 2, 1, 2, 10])`, the digits of table 4.2, FL FF FR L F R (0 road, 1 anything else; F is always
+    road) and the value of the sign (`envs.driving.SIGNS`). By default `Box(0, 255, (H, W, 3), uint8)`, a drawing of it; `obs="index"`
     `Discrete(54)`, its number.
 
     ## Action Space
@@ -236,7 +233,8 @@ def driving(map: str = "a", bank_seed: int = 0, signs: float = 0.4, image_size: 
     ## Rewards
     +3 for going forward two cells before a cross, and for staying at a red light, with attention
     FR; +2 for going forward at a green light and in the cross with attention Null; 0 for
-    doing so with another attention. −2 for passing on red, staying on green, leaving the road. Else 0.
+    doing so with another attention. −2 for passing on red, for staying anywhere but at a red light,
+    and for leaving the road. Else 0.
 
     ## Starting State
     Any straight piece of road, in either direction.
