@@ -25,7 +25,6 @@ What the thesis leaves open or contradicts, settled so that table 4.2 is optimal
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -34,80 +33,32 @@ import numpy as np
 
 from envs.banks import Size, pixels
 from envs.driving_pictures import draw_percept
+from envs.driving_rules import (
+    ATTENTION,
+    FORWARD,
+    FR,
+    GO,
+    LOOK,
+    MOTOR,
+    NOTHING,
+    NULL,
+    OBEY,
+    OTHER_SIGNS,
+    OTHERS,
+    PERCEPTS,
+    RIGHT,
+    SHAPE,
+    STAY,
+    STOP,
+    WRONG,
+)
 from envs.entry_points import Worlds
 from envs.road_grids import HEADINGS, MAPS, PLACES, Cell, Pose, Roads, parse_roads
 from envs.world import World
 
-MOTOR = ("forward", "turn right", "turn left", "stay")
-ATTENTION = (*PLACES, "Null")
-FORWARD, RIGHT, LEFT, STAY = range(4)
-NULL = len(PLACES)
-SHAPE = (len(MOTOR), len(ATTENTION))
-
 RED, GREEN = 3, 3  # steps
 CYCLE = RED + GREEN  # phases 0 … RED - 1 are red, the others green
 NO_LIGHT = -1
-OTHERS, STOP, GO, NOTHING = 1, 2, 3, 9
-OTHER_SIGNS = (6, 7, 8)
-SIGNS = {OTHERS: "a light for others", STOP: "red", GO: "green", NOTHING: "nothing"} | dict.fromkeys(
-    OTHER_SIGNS, "another sign"
-)
-
-LOOK, OBEY, WRONG = 3.0, 2.0, -2.0  # rules 1 and 2, rules 3 to 5, anything punished
-
-
-class Rule(NamedTuple):
-    """A row of table 4.2.
-
-    Attributes:
-        occupied: FL FF FR L F R.
-        sign: last digit of the representation, None for any.
-        motor, attention: what must be done.
-    """
-
-    occupied: tuple[int, ...]
-    sign: int | None
-    motor: int
-    attention: int
-
-
-_FIRST, _SECOND, _THIRD = (0, 0, 0, 1, 0, 1), (1, 0, 1, 0, 0, 0), (1, 0, 1, 1, 0, 1)  # positions 1, 2, 3
-_FR = PLACES.index("FR")
-RULES = (
-    Rule(_FIRST, None, FORWARD, _FR),
-    Rule(_SECOND, STOP, STAY, _FR),
-    Rule(_SECOND, GO, FORWARD, NULL),
-    Rule(_THIRD, STOP, FORWARD, NULL),
-    Rule(_THIRD, GO, FORWARD, NULL),
-)
-
-# All that a map with room can show ahead, and what it is.
-SITUATIONS: Mapping[tuple[int, ...], str] = {
-    _THIRD: "straight road",
-    _FIRST: "before a cross or the foot of a three-way",
-    (0, 0, 1, 1, 0, 1): "before a road to the left",
-    (1, 0, 0, 1, 0, 1): "before a road to the right",
-    _SECOND: "at a cross",
-    (1, 1, 1, 0, 0, 0): "at the foot of a three-way",
-    (1, 0, 1, 0, 0, 1): "at a three-way, road to the left",
-    (1, 0, 1, 1, 0, 0): "at a three-way, road to the right",
-    (1, 1, 1, 0, 0, 1): "at a turn to the left",
-    (1, 1, 1, 1, 0, 0): "at a turn to the right",
-}
-
-
-def _percepts() -> list[tuple[int, ...]]:
-    """Every perceptual state, the same on all maps: six digits of occupancy and the value of the sign."""
-    coloured = (_SECOND, _THIRD)
-    return [
-        (*occupied, sign)
-        for occupied in SITUATIONS
-        for sign in SIGNS
-        if sign not in (STOP, GO) or occupied in coloured
-    ]
-
-
-PERCEPTS = _percepts()
 
 
 class State(NamedTuple):
@@ -181,7 +132,7 @@ class Drive:
         if stop != (motor == STAY):
             return WRONG  # passing on red, staying without need
         if stop or position == 1:
-            return LOOK if attention == _FR else 0.0
+            return LOOK if attention == FR else 0.0
         return OBEY if position in (2, 3) and attention == NULL else 0.0
 
     def seen(self, state: State) -> list[tuple[int, ...]]:
@@ -221,10 +172,10 @@ def driving(map: str = "a", bank_seed: int = 0, signs: float = 0.4, image_size: 
     crosses, crosses and three-ways, a town.
 
     ## Observation Space
-    One of 54 perceptual states, the same on every map. `obs="symbols"`: `MultiDiscrete([2, 2,
-    2, 2, 1, 2, 10])`, the digits of table 4.2, FL FF FR L F R (0 road, 1 anything else; F is always
-    road) and the value of the sign (`envs.driving.SIGNS`). By default `Box(0, 255, (H, W, 3), uint8)`, a drawing of it; `obs="index"`
-    `Discrete(54)`, its number.
+    One of 54 perceptual states, the same on every map. By default `Box(0, 255, (H, W, 3), uint8)`,
+    a drawing of it; `obs="index"` `Discrete(54)`, its number; `obs="symbols"`
+    `MultiDiscrete([2, 2, 2, 2, 1, 2, 10])`, the digits of table 4.2: FL FF FR L F R (0 road, 1 anything
+    else; F is always road) and the value of the sign (`envs.driving_rules.SIGNS`).
 
     ## Action Space
     `MultiDiscrete([4, 7])`: forward, turn right, turn left, stay × FL, FF, FR, L, F, R, Null.

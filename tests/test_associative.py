@@ -9,7 +9,7 @@ from stable_baselines3.common.utils import LinearSchedule
 
 from attn_tree import AssociativeQ
 from attn_tree.tree.storage import ArchiveError
-from envs.driving import PERCEPTS, RULES
+from envs.driving_rules import PERCEPTS, RULES
 from envs.sb3 import make_vec
 
 SMALL = {"image_size": 16}

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from envs.camera import CameraEnv, CameraVectorEnv
-from envs.driving import (
+from envs.driving import driving
+from envs.driving_rules import (
     ATTENTION,
     GO,
     MOTOR,
@@ -17,7 +18,7 @@ from envs.driving import (
     RULES,
     SITUATIONS,
     STOP,
-    driving,
+    rule_of,
 )
 from envs.road_grids import HEADINGS, MAPS, PLACES, Pose, parse_roads
 from envs.world import World
@@ -72,6 +73,8 @@ def test_the_rules_of_table_4_2_are_optimal_wherever_they_apply(worlds, name):
         rest = np.delete(values[behind], action, axis=1).max(axis=1)
         assert (values[behind, action] > rest + 0.5).all()  # and nothing else is: no ties behind a cross
         reward = (world.probability * world.reward)[behind, action].sum(axis=1)
+        number = RULES.index(rule)
+        assert (np.flatnonzero((rule_of(world) == number).any(axis=1)) == behind).all()
         assert set(reward) == {3.0 if rule.attention != NULL else 2.0}
 
 
