@@ -24,7 +24,12 @@ ATTENTION = ("attended", "full")
 LEARNING: dict[str, dict[str, Any]] = {
     "α 0.7, exploring 0.9": {"alpha": [0.7, 0.7], "epsilon": [0.9, 0.9], "n_envs": 1, "episodes": 2000},
     "α 0.7, exploring 0.1": {"alpha": [0.7, 0.7], "epsilon": [0.1, 0.1], "n_envs": 1, "episodes": 2000},
-    "α and exploring fall": {"alpha": [0.7, 0.001], "epsilon": [0.5, 0.02], "n_envs": 32, "steps": 400_000},
+    "α and exploring fall": {
+        "alpha": [0.7, 0.0005],
+        "epsilon": [0.5, 0.05],
+        "n_envs": 128,
+        "steps": 1_500_000,
+    },
 }
 KEYS = dict(zip(LEARNING, ("explore0.9", "explore0.1", "falling"), strict=True))
 CASES = [("simple", name) for name in LEARNING] + [("complex", list(LEARNING)[-1])]
@@ -43,7 +48,7 @@ def _units() -> list[Unit]:
 
 
 def _settings(name: str, attention: str) -> dict[str, Any]:
-    short = {"steps": 100_000} if attention == "full" and "steps" in LEARNING[name] else {}
+    short = {"steps": 300_000} if attention == "full" and "steps" in LEARNING[name] else {}
     return LEARNING[name] | short
 
 
@@ -214,8 +219,8 @@ EXPERIMENTS = [
             "The map and its objects are ours (figure 6.3 is lost), see envs/road_maps.py.",
             "In the Null state, in which nothing is known, motor actions are not refused but wrong.",
             "ε = 0.9 is tried as the probability of exploring and of not exploring. α = 0.7 and 2,000 "
-            "episodes are the thesis's; ours is α falling from 0.7 to 0.001 and exploration from 0.5 to 0.02 "
-            "over 400,000 steps in 32 environments (full attention: 100,000; an episode is one step).",
+            "episodes are the thesis's; ours is α falling from 0.7 to 0.0005 and exploration from 0.5 to "
+            "0.05 over 1,500,000 steps in 128 environments (full: 300,000; there an episode is one step).",
             "The reward is that of an episode, not divided by its length: only so can both be the same.",
             "The complex map is ours to add; attending to coke costs 5.",
         ),
