@@ -26,7 +26,7 @@ from runs.experiments.navigating import (
     told,
 )
 
-STEPS: dict[str, int] = {SIMPLE: 30_000, COMPLEX: 120_000}  # of our rules
+STEPS: dict[str, int] = {SIMPLE: 30_000, COMPLEX: 60_000}  # of our rules
 PHASES: dict[str, int] = {SIMPLE: 30, COMPLEX: 55}  # of the thesis's
 _MANY = 10_000_000
 THESIS: dict[str, Any] = {"learning_rate": 0.9, "epsilon": 0.8, "episodes_per_phase": 200}
