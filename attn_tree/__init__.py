@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from attn_tree.q_learning import TableLearner
     from attn_tree.rlvc import RLVC
     from attn_tree.s_tree import STree
+    from attn_tree.scene_classifier import SceneClassifier
     from attn_tree.u_tree import UTree
     from attn_tree.window_tree import WindowTree
 
@@ -27,6 +28,7 @@ __all__ = [
     "ObjectTree",
     "QuasiStaticLearner",
     "STree",
+    "SceneClassifier",
     "TableLearner",
     "UTree",
     "WindowTree",
@@ -40,6 +42,7 @@ _MODULES = {
     "QuasiStaticLearner": "learner",
     "RLVC": "rlvc",
     "STree": "s_tree",
+    "SceneClassifier": "scene_classifier",
     "TableLearner": "q_learning",
     "UTree": "u_tree",
     "WindowTree": "window_tree",
