@@ -315,25 +315,36 @@ class Detectors:
 
 
 def places(retina: Retina, gains: Gains, settings: DetectorSettings) -> list[tuple[float, float]]:
-    """Where to put windows when looking with these gains, most salient first; (x, y) in pixels."""
+    """Where to put windows when looking with these gains, most salient first; (x, y) in pixels.
+
+    Return is inhibited to a peak and to the centre found for it, or windows would meet on the same thing.
+    """
     saliency = saliency_map(retina, gains, **asdict(settings.saliency))
-    size = retina.width, retina.height
-    peaks = fixations(saliency, settings.fixations, settings.inhibition, size=size)
-    if settings.recentre:
-        peaks = np.array([_centre(saliency, peak, settings.window, size) for peak in peaks])
-    return [(float(x), float(y)) for x, y in peaks]
+    size = np.array([retina.width, retina.height])
+    scale = size / saliency.shape[::-1]
+    rows, columns = (np.arange(side)[:, None] for side in saliency.shape)
+    left = saliency.copy()
+    found: list[tuple[float, float]] = []
+    while len(found) < settings.fixations:
+        peaks = fixations(left, 1, settings.inhibition)  # places of the map
+        if not len(peaks):
+            break
+        centre = _centre(saliency, peaks[0], settings.window / scale) if settings.recentre else peaks[0]
+        x, y = (centre + 0.5) * scale - 0.5
+        found.append((float(x), float(y)))
+        for place in (peaks[0], centre):
+            across, down = (columns - place[0]) * scale[0], (rows - place[1]) * scale[1]
+            left[across.T**2 + down**2 <= settings.inhibition**2] = 0
+    return found
 
 
-def _centre(saliency: np.ndarray, peak: np.ndarray, window: int, size: tuple[int, int]) -> np.ndarray:
-    """The centre of the salience within a window around a peak."""
-    scale = np.array(size) / saliency.shape[::-1]
-    x, y = (peak + 0.5) / scale - 0.5
-    half = window / 2 / scale
-    columns = np.arange(max(round(x - half[0]), 0), min(round(x + half[0]) + 1, saliency.shape[1]))
-    rows = np.arange(max(round(y - half[1]), 0), min(round(y + half[1]) + 1, saliency.shape[0]))
-    mass = saliency[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].astype(np.float64)
-    centre = np.array([mass.sum(axis=0) @ columns, mass.sum(axis=1) @ rows]) / mass.sum()
-    return (centre + 0.5) * scale - 0.5
+def _centre(saliency: np.ndarray, peak: np.ndarray, window: np.ndarray) -> np.ndarray:
+    """The centre (x, y) of the salience within a window (width, height) around a peak, in cells of the map."""
+    low = np.maximum(np.round(peak - window / 2), 0).astype(int)
+    high = np.minimum(np.round(peak + window / 2) + 1, saliency.shape[::-1]).astype(int)
+    mass = saliency[low[1] : high[1], low[0] : high[0]].astype(np.float64)
+    down, across = mass.sum(axis=1), mass.sum(axis=0)
+    return np.array([across @ np.arange(low[0], high[0]), down @ np.arange(low[1], high[1])]) / mass.sum()
 
 
 def _windows_on(
