@@ -200,7 +200,7 @@ def scenes_behind(
     return train, heldout
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=2)
 def _worlds(
     map: str,
     sets: tuple[frozenset[str], ...],

@@ -170,7 +170,7 @@ def make_vec(
     flip: float = 0.0,
     readings: int = 1,
     **kwargs: Any,
-) -> VecEnv:
+) -> BatchedVecEnv | NoisySymbols:
     """A registered environment, batched, as an SB3 `VecEnv`.
 
     Args:
