@@ -193,6 +193,13 @@ def test_percepts_that_contradict_share_a_leaf_that_does_what_most_allow() -> No
         smallest_tree(np.zeros((0, 2), int), np.zeros((0, 2), bool))
 
 
+def test_many_percepts_and_questions_are_sorted_greedily() -> None:
+    rng = np.random.default_rng(0)
+    answers = np.unique(rng.integers(0, 2, (1500, 700)), axis=0)
+    tree = smallest_tree(answers, np.eye(2, dtype=bool)[answers[:, 3]])
+    assert tree.question == 3 and len(tree.leaves) == 2
+
+
 def test_a_branch_becomes_a_tree_with_its_values() -> None:
     answers = np.array(list(product((0, 1), repeat=3)))
     parity = answers.sum(axis=1) % 2
@@ -244,9 +251,9 @@ def test_asking_again_makes_up_for_a_sensor_that_errs() -> None:
     for asks in (1, 5):
         env = simple_map(flip=0.1, readings=asks)
         model = ObjectTree(env, asks=asks, epsilon=0.5, episodes_per_phase=100, growth=growth, seed=0)
-        model.learn(5000)
+        model.learn(3000)
         world = env.get_attr("world")[0]
-        wrong = np.random.default_rng(0).random((40, *world.symbols.repeat(asks, axis=1).shape)) < 0.1
+        wrong = np.random.default_rng(0).random((20, *world.symbols.repeat(asks, axis=1).shape)) < 0.1
         rates = []
         for each in wrong:
             seen = np.where(each, 1 - world.symbols.repeat(asks, axis=1), world.symbols.repeat(asks, axis=1))

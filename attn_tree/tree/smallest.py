@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import prod
+from math import inf, log2
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from .node import Question, Tree
 
 # Subsets of percepts that may be solved below one node.
 _MOST_SUBSETS = 20_000
+_TOO_MANY = 100  # bits of a number of subsets
 
 Measure = tuple[float, ...]
 
@@ -147,7 +148,8 @@ class _Search:
     def _subsets(self, members: int) -> float:
         """At most so many subsets lie below: each question is open, or answered in one way."""
         sizes = [len(self._parted(members, question)) for question in range(len(self.parts))]
-        return min(float(prod(1 + size for size in sizes if size > 1)), 2.0 ** members.bit_count())
+        bits = min(sum(log2(1 + size) for size in sizes if size > 1), members.bit_count())
+        return 2.0**bits if bits < _TOO_MANY else inf
 
     def _solve(self, members: int) -> tuple[Measure, int | None]:
         """The measure of the best tree for a subset, and the question it asks first."""
