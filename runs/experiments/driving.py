@@ -141,14 +141,9 @@ def learn(model: Any, world: Any, steps: int, obs: str) -> list[dict[str, float]
     return curve
 
 
-def settled(curve: Sequence[Mapping[str, float]], share: float = 0.95) -> float | None:
-    """Steps from which on the rules are followed in this share until the end; None if never."""
-    found = None
-    for entry in reversed(curve):
-        if entry["rules"] < share:
-            break
-        found = entry["steps"]
-    return found
+def reached(curve: Sequence[Mapping[str, float]], share: float) -> float | None:
+    """Steps after which the rules are first followed in this share of decisions; None if never."""
+    return next((entry["steps"] for entry in curve if entry["rules"] >= share), None)
 
 
 # Drawing --------------------------------------------------------------------------------------
@@ -217,11 +212,13 @@ def draw_gaze(map: str, actions: Sequence[Sequence[int]], path: Path) -> None:
             (y, x), (v, u) = _lane(to), to.cell_at(attention)
             first = roads.position(pose) == 1
             colour = "#6b7fb3" if not first else "#e67e22" if attention == FR else "#c0392b"
-            axes.plot([x, u], [y, v], color=colour, linewidth=2.2 if first else 0.7, zorder=3 if first else 1)
-            axes.plot(x, y, ".", color=colour, markersize=7 if first else 3, zorder=4)
+            width, alpha = (2.2, 1.0) if first else (0.7, 0.5)
+            axes.plot([x, u], [y, v], color=colour, linewidth=width, alpha=alpha, zorder=3 if first else 1)
+            axes.plot(x, y, ".", color=colour, markersize=7 if first else 3, alpha=alpha, zorder=4)
     axes.set_xlim(-0.5, columns - 0.5)
     axes.set_ylim(rows - 0.5, -0.5)
     axes.set_axis_off()
+    axes.set_title("from where to where he looks; orange: at the light behind a cross", fontsize=8)
     figure.savefig(path, dpi=130)
 
 
