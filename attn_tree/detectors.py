@@ -72,15 +72,15 @@ class DetectorSettings:
     """
 
     saliency: SaliencySettings = field(default_factory=lambda: SaliencySettings(resolution=0.25, passes=1))
-    fixations: int = 1
+    fixations: int = 8
     inhibition: float = 25.0
     recentre: bool = True
     window: int = 50
-    prototypes: int = 1024
+    prototypes: int = 256
     colour: bool = True
     backgrounds: bool = True
-    jitter: int = 4
-    penalty: float = 1.0
+    jitter: int = 2
+    penalty: float = 10.0
 
     def __post_init__(self) -> None:
         if self.fixations < 1 or self.window < 16 or self.prototypes < 0 or self.jitter < 0:
@@ -98,7 +98,9 @@ class DetectorSettings:
 
 def thesis() -> DetectorSettings:
     """One fixation, the fixed dictionary, the other objects as the only others."""
-    return DetectorSettings(recentre=False, prototypes=0, colour=False, backgrounds=False, jitter=0)
+    return DetectorSettings(
+        fixations=1, recentre=False, prototypes=0, colour=False, backgrounds=False, jitter=0
+    )
 
 
 class Look(NamedTuple):
@@ -339,7 +341,7 @@ def places(retina: Retina, gains: Gains, settings: DetectorSettings) -> list[tup
 
 
 def _centre(saliency: np.ndarray, peak: np.ndarray, window: np.ndarray) -> np.ndarray:
-    """The centre (x, y) of the salience within a window (width, height) around a peak, in cells of the map."""
+    """The centre (x, y) of the salience within a window (width, height) at a peak, in cells of the map."""
     low = np.maximum(np.round(peak - window / 2), 0).astype(int)
     high = np.minimum(np.round(peak + window / 2) + 1, saliency.shape[::-1]).astype(int)
     mass = saliency[low[1] : high[1], low[0] : high[0]].astype(np.float64)

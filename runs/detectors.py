@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from runs.experiments.experiment import Table
 
 if TYPE_CHECKING:
     from attn_tree.detectors import Detectors, DetectorSettings
+    from attn_tree.vision.weights import Gains
     from envs.sign_scenes import SignScene
 
 ALL = "drawn"
@@ -137,61 +138,90 @@ def presence(scenes: Sequence[SignScene], names: Sequence[str]) -> np.ndarray:
     return np.array([[name in scene.objects for name in names] for scene in scenes])
 
 
-def questions(detectors: Detectors, scenes: Sequence[SignScene]) -> dict[str, dict[str, float]]:
-    """By object, what becomes of the question whether it is in a scene; shares in [0, 1].
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """One question, whether an object is in a scene, with all fixations used up.
 
-    first: of the scenes with it, those where the first window is on it.
-    found: those where any of the windows is.
-    recognised: of windows on it, those taken for it.
-    misses, alarms: scenes with it answered no, and without it answered yes.
-    errors: of all questions.
-    windows: looked at for a question, a mean.
+    Attributes:
+        name: of the object.
+        present: the truth.
+        on: `(m,)` bool, which windows are on the object.
+        scores: `(m,)`, of its machine for each window.
     """
+
+    name: str
+    present: bool
+    on: np.ndarray
+    scores: np.ndarray
+
+
+def asked(
+    detectors: Detectors, scenes: Sequence[SignScene], gains: Mapping[str, Gains] | None = None
+) -> list[Asked]:
+    """The question about every object in every scene; with other gains than the detectors' if given."""
     from attn_tree.detectors import places
     from attn_tree.vision.hmax import c2
     from attn_tree.vision.retina import Retina
 
-    found: dict[str, dict[str, float]] = {}
-    size = detectors.settings.window
-    for row, (name, gains) in enumerate(detectors.gains.items()):
-        first, any_, recognised, misses, alarms, windows = ([] for _ in range(6))
+    found = []
+    for row, (name, own) in enumerate((gains or detectors.gains).items()):
         for scene in scenes:
             retina = Retina(scene.image)
-            at = places(retina, gains, detectors.settings)
-            seen = np.stack([retina.window(place, size) for place in at])
-            yes = detectors.machines.scores(c2(seen, detectors.dictionary))[:, row] > 0
-            windows.append(int(yes.argmax()) + 1 if yes.any() else len(yes))
-            if name in scene.objects:
-                on = np.linalg.norm(np.array(at) - scene.tagged(name).centers, axis=1) <= HIT
-                first.append(on[0])
-                any_.append(on.any())
-                recognised.extend(yes[on])
-                misses.append(not yes.any())
-            else:
-                alarms.append(yes.any())
-        found[name] = {
-            "first": _mean(first),
-            "found": _mean(any_),
-            "recognised": _mean(recognised),
-            "misses": _mean(misses),
-            "alarms": _mean(alarms),
-            "errors": _mean(misses + alarms),
-            "windows": _mean(windows),
-        }
+            at = places(retina, own, detectors.settings)
+            windows = [retina.window(place, detectors.settings.window) for place in at]
+            scores = np.empty(0)
+            if windows:
+                scores = detectors.machines.scores(c2(np.stack(windows), detectors.dictionary))[:, row]
+            on = np.zeros(len(at), bool)
+            if present := name in scene.objects:
+                on = np.linalg.norm(np.reshape(at, (-1, 2)) - scene.tagged(name).centers, axis=1) <= HIT
+            found.append(Asked(name, present, on, scores))
     return found
+
+
+def shares(found: Sequence[Asked], fixations: int | None = None) -> dict[str, float]:
+    """What became of questions if so many fixations are used at most; shares in [0, 1], NaN of nothing.
+
+    first: of the scenes with the object, those where the first window is on it.
+    found: those where any of the windows is.
+    recognised: of windows on it, those taken for it.
+    misses, alarms: scenes with it answered no, and without it answered yes.
+    errors: of all questions.
+    windows: looked at until the answer, a mean.
+    """
+    yes = [each.scores[:fixations] > 0 for each in found]
+    on = [each.on[:fixations] for each in found]
+    there = np.array([each.present for each in found], bool)
+    answers = np.array([each.any() for each in yes], bool)
+    with_it = [each for each, present in zip(on, there, strict=True) if present]
+    return {
+        "first": _mean([bool(each[:1].any()) for each in with_it]),
+        "found": _mean([bool(each.any()) for each in with_it]),
+        "recognised": _mean(np.concatenate([y[o] for y, o in zip(yes, on, strict=True)] or [[]])),
+        "misses": _mean(~answers[there]),
+        "alarms": _mean(answers[~there]),
+        "errors": _mean(answers != there),
+        "windows": _mean([int(each.argmax()) + 1 if each.any() else len(each) for each in yes]),
+    }
+
+
+def questions(detectors: Detectors, scenes: Sequence[SignScene]) -> dict[str, dict[str, float]]:
+    """`shares` by object."""
+    found = asked(detectors, scenes)
+    return {name: shares([each for each in found if each.name == name]) for name in detectors.names}
 
 
 def report(detectors: Detectors, scenes: Sequence[SignScene], seconds: float) -> Table:
     """What becomes of questions about each object, in a table."""
     found = questions(detectors, scenes)
-    shares = ("first", "found", "recognised", "misses", "alarms", "errors")
+    columns = ("first", "found", "recognised", "misses", "alarms", "errors")
     rows: list[list[Any]] = [
-        [name, *(100 * each[share] for share in shares), each["windows"], detectors.gains[name].cost]
+        [name, *(100 * each[column] for column in columns), each["windows"], detectors.gains[name].cost]
         for name, each in found.items()
     ]
-    means = [float(np.nanmean([row[column] for row in rows])) for column in range(1, len(shares) + 2)]
+    means = [float(np.nanmean([row[i] for row in rows])) for i in range(1, len(columns) + 2)]
     rows.append(["mean", *means, None])
-    head = ["object", *(f"{share} %" for share in shares), "windows", "cost"]
+    head = ["object", *(f"{column} %" for column in columns), "windows", "cost"]
     caption = (
         f"{len(scenes)} scenes not trained on; trained in {seconds:.0f} s of CPU. first, found: the first "
         "window, or any, is on the object; recognised: windows on it answered yes; misses, alarms: wrong no, "
@@ -200,7 +230,7 @@ def report(detectors: Detectors, scenes: Sequence[SignScene], seconds: float) ->
     return Table(head, rows, caption, dict.fromkeys(head[1:-1], 1))
 
 
-def _mean(values: Sequence[Any]) -> float:
+def _mean(values: Sequence[Any] | np.ndarray) -> float:
     return float(np.mean(values)) if len(values) else float("nan")
 
 
