@@ -9,7 +9,7 @@ Where scenes hide the state, the process between scenes is not one, and its best
 best. So tree and values take turns: the smallest tree for the actions that look best; the process
 between *its* leaves, solved; the actions that look best if those are the values; and so on until a
 tree comes back. Of the trees met the smallest is taken whose return is not below that of any other, the
-pruned one among them, as far as the process between scenes can tell.
+pruned one among them, by more than the process between scenes can tell apart.
 """
 
 from __future__ import annotations
@@ -145,19 +145,22 @@ class Scenes:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A tree over the scenes met, the values `(L, A)` of its leaves, its actions in all scenes `(G,)`."""
+    """A tree over the scenes met, the values `(L, A)` of its leaves, its actions in all scenes `(G,)`, and
+    what scenes are worth `(G,)` to which these actions look best."""
 
     branch: Branch
     values: np.ndarray
     actions: np.ndarray
+    worths: np.ndarray
 
 
 def rebuilt(learner: TreeLearner, tree: Tree, values: np.ndarray) -> tuple[Tree, np.ndarray]:
     """The smallest tree that is worth as much as the pruned `tree`, and its table.
 
     Its questions are those of the grown tree and, where they are few, all that its vocabulary knows. Where
-    asking has its costs, it is the tree that costs least per decision. The pruned tree and its table
-    are given back where nothing is remembered or no tree met is worth as much.
+    questions differ in cost, what is done is settled by the smallest tree, and the tree that does it
+    at the least cost per decision is given. The pruned tree and its table are given back where
+    nothing is remembered or no tree met is worth as much.
     """
     if not len(learner._memory.transitions):
         return tree, values
@@ -167,41 +170,66 @@ def rebuilt(learner: TreeLearner, tree: Tree, values: np.ndarray) -> tuple[Tree,
     costs = None if (prices == prices[0]).all() else prices
     scenes = Scenes.of(learner, questions, tree, values)
     met = np.flatnonzero(scenes.visits)
-    found = list(_candidates(scenes, met, costs))
+    found = list(_candidates(scenes, met))
     worths = [scenes.worth(candidate.actions) for candidate in found]
     least = max([*worths, scenes.worth(scenes.pruned)]) - _FALLEN * scenes.spread
     fit = [(c, worth) for c, worth in zip(found, worths, strict=True) if worth >= least]
     if not fit:
         return tree, values
     visits = scenes.visits[met]
-    best, _ = min(fit, key=lambda each: (*each[0].branch.size(visits, costs), -each[1]))
+    best, _ = min(fit, key=lambda each: (*each[0].branch.size(visits), -each[1]))
+    if costs is not None:
+        cheap = _cheapest(scenes, met, best, costs)
+        best = cheap if scenes.worth(cheap.actions) >= least else best
     return as_tree(best.branch, questions, best.values, visits)
 
 
-def _candidates(scenes: Scenes, met: np.ndarray, costs: np.ndarray | None) -> Iterator[_Candidate]:
+def _candidates(scenes: Scenes, met: np.ndarray) -> Iterator[_Candidate]:
     """Smallest trees for the actions that look best, and the same with the values of their own leaves."""
-    visits = scenes.visits[met]
     values = scenes.solved(np.arange(len(scenes.answers)), scenes.values).max(axis=1)
     seen: set[tuple[tuple[int, ...], ...]] = set()
     for _ in range(_ROUNDS):
         allowed, earned = scenes.as_good(values)
-        branch = smallest_tree(scenes.answers[met], allowed[met], visits, costs)
-        leaves = branch.leaves
-        # Scenes that were only ended in are nobody's: each keeps what the grown tree holds of it.
-        leaf = len(leaves) + np.arange(len(scenes.answers))
-        table = np.concatenate([np.empty((len(leaves), earned.shape[1])), scenes.values])
-        for number, each in enumerate(leaves):
-            members = met[list(each.members)]
-            leaf[members] = number
-            mean = np.average(earned[members], axis=0, weights=scenes.visits[members])
-            if int(mean.argmax()) != each.action:  # better in the mean, and worse somewhere
-                mean[each.action] = np.nextafter(mean.max(), np.inf)
-            table[number] = mean
+        branch = smallest_tree(scenes.answers[met], allowed[met], scenes.visits[met])
+        leaf, table = _sorted(scenes, met, branch, earned)
+        yield _Candidate(branch, table[: len(branch.leaves)], table.argmax(axis=1)[leaf], values)
         solved = scenes.solved(leaf, table)
-        for each_table in (table, solved):
-            yield _Candidate(branch, each_table[: len(leaves)], each_table.argmax(axis=1)[leaf])
         values = solved.max(axis=1)[leaf]
-        parts = tuple(each.members for each in leaves)
+        yield _Candidate(branch, solved[: len(branch.leaves)], solved.argmax(axis=1)[leaf], values)
+        parts = tuple(each.members for each in branch.leaves)
         if parts in seen:
             return
         seen.add(parts)
+
+
+def _cheapest(scenes: Scenes, met: np.ndarray, chosen: _Candidate, costs: np.ndarray) -> _Candidate:
+    """The tree that costs least to ask and does what the chosen one does, or what is as good."""
+    allowed, earned = scenes.as_good(chosen.worths)
+    every = np.arange(len(allowed))
+    if not allowed[every, chosen.actions][met].all():  # its values do not bear it out: keep to it
+        allowed = np.zeros_like(allowed)
+        allowed[every, chosen.actions] = True
+    branch = smallest_tree(scenes.answers[met], allowed[met], scenes.visits[met], costs)
+    leaf, table = _sorted(scenes, met, branch, earned)
+    return _Candidate(branch, table[: len(branch.leaves)], table.argmax(axis=1)[leaf], chosen.worths)
+
+
+def _sorted(
+    scenes: Scenes, met: np.ndarray, branch: Branch, earned: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The leaf `(G,)` of each scene, and the mean values of leaves in which their action is the best.
+
+    Scenes that were only ended in are nobody's: each has a row of its own, behind those of the leaves, with
+    what the grown tree holds of it.
+    """
+    leaves = branch.leaves
+    leaf = len(leaves) + np.arange(len(scenes.answers))
+    table = np.concatenate([np.empty((len(leaves), earned.shape[1])), scenes.values])
+    for number, each in enumerate(leaves):
+        members = met[list(each.members)]
+        leaf[members] = number
+        mean = np.average(earned[members], axis=0, weights=scenes.visits[members])
+        if int(mean.argmax()) != each.action:  # better in the mean, and worse somewhere
+            mean[each.action] = np.nextafter(mean.max(), np.inf)
+        table[number] = mean
+    return leaf, table
