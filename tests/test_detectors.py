@@ -20,6 +20,9 @@ from attn_tree.vision.hmax import c2, fixed_dictionary
 from attn_tree.vision.retina import Retina, meter
 from attn_tree.vision.saliency import saliency_map
 from attn_tree.vision.weights import Gains
+from runs import cli
+from runs.detectors import Asked, shares
+from runs.detectors import main as command
 
 SWARM = CLPSOSettings(particles=10, iterations=2)
 SETTINGS = DetectorSettings(fixations=2, prototypes=20, colour=False, jitter=1)
@@ -197,3 +200,47 @@ def test_the_threshold_makes_the_fewest_mistakes(examples: list[tuple[int, bool]
     candidates = np.arange(-6.5, 6.5, 0.5) + 0.25
     fewest = min(((scores > t) != present).sum() for t in candidates)
     assert ((scores > best_threshold(scores, present)) != present).sum() == fewest
+
+
+# -------------------------------------------------------------------- what becomes of questions
+
+
+def test_shares_count_what_was_looked_at_and_what_was_answered() -> None:
+    def asked(present: bool, on: list[bool], scores: list[float]) -> Asked:
+        return Asked("ring", present, np.array(on, bool), np.array(scores))
+
+    found = [
+        asked(True, [False, True], [-1, 1]),  # found at the second look
+        asked(True, [True, False], [-1, -1]),  # looked at, not known
+        asked(False, [False, False], [-1, 1]),  # taken for it at the second look
+        asked(False, [], []),  # nothing salient
+    ]
+    both, one = shares(found), shares(found, 1)
+    assert both == {
+        "first": 0.5,
+        "found": 1.0,
+        "recognised": 0.5,
+        "misses": 0.5,
+        "alarms": 0.5,
+        "errors": 0.5,
+        "windows": 1.5,
+    }
+    assert (one["found"], one["misses"], one["alarms"], one["windows"]) == (0.5, 1, 0, 0.75)
+    assert np.isnan(shares([])["errors"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--objects", "sofa"], "--objects has 'sofa'; expected drawn, or some of pedestrian"),
+        (["--objects", "bike"], "expected two or more, not bike"),
+        (["--images", "0"], "--images is 0"),
+        (["--fixations", "0"], "fixations is 0"),
+    ],
+)
+def test_the_command_says_mistakes_in_one_line(
+    arguments: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = cli.main(command, "runs.detectors", ["--out", str(tmp_path / "d.zip"), *arguments])
+    told = capsys.readouterr().err.strip()
+    assert status == 2 and says in told and "\n" not in told
