@@ -99,6 +99,19 @@ class FeatureVocabulary(Vocabulary):
         sought = self.features[list(questions)]
         return (distances(sought, found).min(axis=1) <= self.match).astype(int)
 
+    def answer_table(self, questions: Sequence[Any], percepts: Sequence[Any]) -> np.ndarray:
+        """Presence `(P, Q)`; kept with a lasting image, since features are only ever added."""
+        assert self.features is not None, "prepare comes before answers"
+        table = np.empty((len(percepts), len(questions)), int)
+        for row, retina in zip(table, percepts, strict=True):
+            known = retina.computed.get(self, np.empty(0, np.int8))
+            new = range(len(known), len(self.features))
+            if new:
+                known = np.concatenate([known, self.answers(new, retina).astype(np.int8)])
+                retina.computed[self] = known
+            row[:] = known[list(questions)]
+        return table
+
     def question_from_json(self, value: Any) -> int:
         """A feature's number."""
         return int(value)
