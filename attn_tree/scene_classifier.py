@@ -128,6 +128,7 @@ class SceneClassifier(ClassifierMixin, BaseEstimator):
 
     def predict(self, images: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
         """The label of each image. Raises as `distances`."""
+        check_is_fitted(self)
         return self.classes_[vote(self.distances(images), self.labels_, self.k_)]
 
     def distances(self, images: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
