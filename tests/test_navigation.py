@@ -220,8 +220,8 @@ def test_the_cheapest_way_to_know_the_right_action():
 
 
 def test_a_table_learns_to_attend_for_less_than_full_attention():
-    env = make_vec("SignNavigation-simple-KnownActions-v0", 32, seed=0, obs="index")
-    model = TabularQ(env, gamma=0.9, epsilon=0.3, seed=0).learn(40_000)
+    env = make_vec("SignNavigation-simple-KnownActions-v0", 128, seed=0, obs="index")
+    model = TabularQ(env, gamma=0.9, epsilon=0.3, seed=0).learn(60_000)
     world = env.get_attr("world")[0]
     policy = np.eye(world.n_actions)[model.values.argmax(axis=1)]
     assert only_costs(world).expected_return(policy, 50) > -7
