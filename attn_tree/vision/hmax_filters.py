@@ -107,8 +107,8 @@ def c1(images: np.ndarray, colour: bool = False) -> dict[int, torch.Tensor]:
         size = SIZES[scale]
         inside = slice(height - size + 1), slice(width - size + 1)
         found = torch.fft.irfft2(spectrum[:, :, None] * _filters(scale, padded), s=padded)[..., *inside]
-        light = energy[:, size:, size:] - energy[:, :-size, size:]
-        light += energy[:, :-size, :-size] - energy[:, size:, :-size]
+        light = energy[:, size:] - energy[:, :-size]
+        light = light[..., size:] - light[..., :-size]
         norm = light.clamp(min=_DARK**2).sqrt().float()
         return (found.abs() / norm[:, None, None]).flatten(1, 2)
 
