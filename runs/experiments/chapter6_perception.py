@@ -90,8 +90,11 @@ def gains_of(seed: int, images: int) -> Any:
 
 def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     """Trees learned behind detectors, on seen and held-out scenes; and what became of questions."""
+    from dataclasses import replace
+
     import numpy as np
 
+    from attn_tree import Growth, ObjectTree
     from envs.navigation import read_task
     from envs.sb3 import make_vec
     from envs.sign_scenes import sign_scenes
@@ -105,38 +108,39 @@ def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     _, sets = read_task("simple", None)
     heldout = [scene for row in sign_scenes(sets, VIEWS, seed, first=VIEWS) for scene in row]
     found: dict[str, Any] = {"objects": questions(detectors, heldout)}
+    env = make_vec(SIMPLE, N_ENVS, 1000 * seed, obs="index", bank_seed=seed, views=VIEWS)
+    learner = dict(settings["learner"])
+    growth = Growth(**learner.pop("growth"))
+    model = ObjectTree(env, detectors=detectors, gamma=GAMMA, seed=seed, growth=growth, **learner)
+    model.learn(settings["steps"])
     for name, prune in TREES.items():
-        env = make_vec(SIMPLE, N_ENVS, 1000 * seed, obs="index", bank_seed=seed, views=VIEWS)
-        found[name] = learned(env, detectors, seed, settings, prune)
+        # Learning acts by the grown tree, so one learner tells how it decides with either pruning.
+        model.growth, model.version = replace(growth, prune=prune), model.version + 1
+        found[name] = figures(model, env)
     found["wrong"] = float(np.mean([each["errors"] for each in found["objects"].values()]))
     return found
 
 
-def learned(env: Any, detectors: Any, seed: int, settings: Mapping[str, Any], prune: Any) -> dict[str, Any]:
-    """A tree grown behind detectors: optimal decisions on seen and held-out scenes, and what they read."""
-    from attn_tree import ObjectTree
+def figures(model: Any, env: Any) -> dict[str, Any]:
+    """Optimal decisions on seen and held-out scenes, and what decisions read."""
     from runs.costs import Subject, percepts_of, pixel_cost
     from runs.evaluation import policy_table
 
-    learner = dict(settings["learner"])
-    growth = {**learner.pop("growth"), "prune": prune}
-    model = ObjectTree(env, detectors=detectors, gamma=GAMMA, seed=seed, growth=growth, **learner)
-    model.learn(settings["steps"])
     world, heldout = env.get_attr("world")[0], env.get_attr("heldout_world")[0]
     rates = {
         "correct": world.correct_policy_rate(policy_table(model, world, "index", own=True), GAMMA),
         "heldout": heldout.correct_policy_rate(policy_table(model, heldout, "index", own=False), GAMMA),
     }
-    spent = pixel_cost(Subject(model, percepts_of(world, "index")), world.images.shape[1:3], False)
-    area = spent.image_pixels
+    shown = percepts_of(world, "index")[::VIEWS]  # one scene of each state
+    spent = pixel_cost(Subject(model, shown), world.images.shape[1:3], False)
     return {
         **rates,
         "leaves": len(model.tree.leaves),
         "depth": model.tree.depth,
         "grown": len(model.grown_tree.leaves),
         "questions": spent.operations.get("questions", 0.0),
-        "selection": spent.selection / area,
-        "recognition": spent.recognition / area,
+        "selection": spent.selection / spent.image_pixels,
+        "recognition": spent.recognition / spent.image_pixels,
     }
 
 
