@@ -265,8 +265,8 @@ for _name, _folder in SETS.items():
             name=f"table-7.4{SUFFIX[_name]}",
             title=f"C2 at 1 to 5 salient places (also table 7.5): {scenes.NAMES[_name]}",
             section="7.3.3",
-            claim="Rates rise with the window and with the number of places, to 65.3% with 256 prototypes and "
-            "78.3% with 4096.",
+            claim="Rates rise with the window and with the number of places, to 65.3% with 256 prototypes "
+            "and 78.3% with 4096.",
             units=_with_sizes(units(_name), SIZES, SIZES[:1]),
             compute=compute_c2,
             score=score_c2,
