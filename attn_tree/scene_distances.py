@@ -93,7 +93,8 @@ def _block(a: Views, rows: np.ndarray, b: Views, columns: np.ndarray, sigma: flo
         similar = -near
     starts_a, starts_b = a.bounds[rows] - part_a.start, b.bounds[columns] - part_b.start
     best_b = np.maximum.reduceat(similar, starts_b, axis=1)  # of each feature of a, in each region of b
-    best_a = np.maximum.reduceat(similar, starts_a, axis=0)
+    # Down the rows a loop over the regions keeps to the order of memory; reduceat does not.
+    best_a = np.stack([part.max(axis=0) for part in np.split(similar, starts_a[1:])])
     to_b, to_a = (-best_b, -best_a) if sigma else (_apart(best_b), _apart(best_a))
     n_a, n_b = np.diff(a.bounds)[rows], np.diff(b.bounds)[columns]
     forth = np.add.reduceat(to_b, starts_a, axis=0) / n_a[:, None]

@@ -233,7 +233,7 @@ EXPERIMENTS.append(
         deviations=(
             "Six of the eight Oxford scenes; boat and leuven are left out.",
             "Salient, random and fixed regions are discs of one size, which cannot follow a zoom; SIFT and "
-            "ORB (OpenCV) keypoints have a scale. All are compared at 5 and 20 regions an image, the strongest.",
+            "ORB (OpenCV) keypoints have a scale. All at 5 and 20 regions an image, the strongest.",
             "Random places: mean of 10 draws. Intervals are 95% bootstrap intervals over the 30 pairs of "
             "images, within scenes.",
         ),
