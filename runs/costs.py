@@ -11,6 +11,7 @@ alike. Multiply–accumulates are those of the layers that hold weights.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -23,7 +24,7 @@ import torch
 
 from attn_tree.vision.retina import Meter, meter
 from baselines.macs import count_macs
-from runs.evaluation import Percept, apart, beginnings, play
+from runs.playing import Percept, apart, beginnings, observed, play
 
 DECISIONS = 100  # timed decisions of each method
 BUDGET_S = 30.0  # seconds for all methods together, once each has taken FEWEST decisions
@@ -57,19 +58,17 @@ def percepts_of(world: Any, mode: str) -> list[Any]:
 
     Args:
         world: an `envs.world.World`.
-        mode: `"index"`, `"pixels"` or `"state"`.
+        mode: `"index"`, `"pixels"`, `"symbols"` or `"state"`.
     """
     pairs = [
         (int(state), int(image))
         for state in np.flatnonzero(~world.terminal)
         for image in world.views[state][: world.n_views[state]]
     ]
-    shown = {
-        "state": lambda state, image: state,
-        "index": lambda state, image: image,
-        "pixels": lambda state, image: world.images[image],
-    }[mode]
-    return [shown(*pair) for pair in pairs]
+    if mode == "state":
+        return [state for state, _ in pairs]
+    shown = observed(world, mode)
+    return [shown[image] for _, image in pairs]
 
 
 def percepts_while_playing(model: Any, world: Any, mode: str, horizon: int) -> list[Percept]:
@@ -78,7 +77,7 @@ def percepts_while_playing(model: Any, world: Any, mode: str, horizon: int) -> l
     Args:
         model: anything with SB3's `predict`.
         world: an `envs.world.World`; what it leaves to chance is drawn, the same at each call.
-        mode: `"index"` or `"pixels"`.
+        mode: `"index"`, `"pixels"` or `"symbols"`.
         horizon: time limit in steps.
     """
     rng = np.random.default_rng(0)
@@ -102,7 +101,7 @@ def decide(model: Any, observation: Any) -> tuple[Meter, float]:
 
 def pixel_cost(subject: Subject, image_shape: Sequence[int], network: bool) -> PixelCost:
     """What a decision reads and computes, averaged over the percepts."""
-    area = image_shape[0] * image_shape[1]
+    area = math.prod(image_shape[:2])
     costs = [decide(subject.model, observation)[0] for observation in subject.percepts]
     selection = float(np.mean([cost.selection for cost in costs]))
     recognition = float(np.mean([cost.recognition for cost in costs]))

@@ -18,11 +18,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from attn_tree.history import Moment
+from runs.playing import numbered, observed, play, views_by_state
 
 if TYPE_CHECKING:
     from envs.memory import Remembered
@@ -55,7 +55,7 @@ def scores(
     Args:
         model: anything with SB3's `predict`; greedy unless it has `action_probabilities`.
         world: the world.
-        mode: `"index"`, `"pixels"` or `"state"`, how the model observes.
+        mode: `"index"`, `"pixels"`, `"symbols"` or `"state"`, how the model observes.
         gamma: discount of `return_discounted` and of the optimal policy to agree with.
         horizon: time limit in steps.
         own: whether the world's images are those that the model's indices mean.
@@ -64,7 +64,7 @@ def scores(
         None for a model with memory in a world that is not its own: windows are of its own bank.
     """
     if mode == "state":
-        table = state_table(model, world.n_states, world.n_actions)
+        table = _greedy(model, np.arange(world.n_states), world)
         return score(world, table, gamma, horizon, by_state=True)
     if not remembers(model):
         return score(world, policy_table(model, world, mode, own), gamma, horizon)
@@ -138,7 +138,7 @@ def as_decided(model: Any, world: World) -> tuple[World, np.ndarray]:
         remembered = _with_memory(world, model.history)
         return remembered.world, model.window_actions(remembered.windows)
     actions, _ = model.predict(np.arange(world.n_images), deterministic=True)
-    return world, np.asarray(actions, int)
+    return world, numbered(world, actions)
 
 
 @lru_cache(maxsize=1)  # a run asks for the same one at each evaluation
@@ -164,74 +164,6 @@ def _states_of_windows(world: World, depth: int) -> float:
     return total
 
 
-class Percept(NamedTuple):
-    """What a model with memory decides on: an observation, and SB3's `state` and `episode_start`.
-
-    `state` may hold what earlier decisions found out: it is known by then.
-    """
-
-    observation: Any
-    state: Any
-    episode_start: np.ndarray
-
-
-class Step(NamedTuple):
-    """A decision of an episode, and the reward it got."""
-
-    percept: Percept
-    reward: float
-
-
-def play(
-    model: Any, world: World, mode: str, begin: tuple[int, int], horizon: int, rng: np.random.Generator
-) -> Iterator[Step]:
-    """The steps of one greedy episode, the model's memory handed on.
-
-    Args:
-        model: anything with SB3's `predict`.
-        world: where it plays.
-        mode: `"index"` or `"pixels"`, how it observes.
-        begin: the state that the episode begins in, and the image that it shows.
-        horizon: time limit in steps.
-        rng: draws what is left to chance.
-    """
-    (state, image), memory, first = begin, None, True
-    for _ in range(horizon):
-        observation = np.array(image) if mode == "index" else world.images[image]
-        percept = Percept(observation, apart(memory), np.array([first]))
-        action, memory = model.predict(observation, memory, percept.episode_start, deterministic=True)
-        branch = int((world.successor_cdf[state, int(action)] <= rng.random()).sum())
-        yield Step(percept, float(world.reward[state, int(action), branch]))
-        state, first = int(world.next_state[state, int(action), branch]), False
-        if world.terminal[state]:
-            return
-        image = int(world.views[state, rng.integers(world.n_views[state])])
-
-
-def apart(state: Any) -> Any:
-    """A copy of the `state` of a model that remembers: what later decisions find out about the past stays
-    out of it. Any other state is given back as it is."""
-    if not isinstance(state, tuple) or not all(isinstance(part, np.ndarray) for part in state):
-        return state
-    parts = [part.copy() for part in state]
-    for part in parts:
-        if part.dtype.kind == "O":
-            part[:] = [_apart(moment) for moment in part]
-    return tuple(parts)
-
-
-def _apart(moment: Moment) -> Moment:
-    sight = moment.sight.carried(moment.ledger)
-    sight.computed = dict(sight.computed)
-    before = None if moment.before is None else _apart(moment.before)
-    return Moment(sight, before, moment.action)
-
-
-def beginnings(world: World) -> list[tuple[int, int]]:
-    """Where episodes may begin: each first state with each image it may show."""
-    return [(int(s), int(image)) for s in np.flatnonzero(world.start) for image in views_by_state(world)[s]]
-
-
 def _sampled(model: Any, world: World, mode: str, gamma: float, horizon: int) -> Scores:
     """Means over `SAMPLED_EPISODES` greedy episodes, the same draws at each call."""
     rng = np.random.default_rng(0)
@@ -252,35 +184,29 @@ def policy_table(model: Any, world: World, mode: str, own: bool) -> np.ndarray:
     Args:
         model: anything with SB3's `predict`; greedy unless it has `action_probabilities`.
         world: gives the images.
-        mode: `"index"` or `"pixels"`, how the model observes.
+        mode: `"index"`, `"pixels"` or `"symbols"`, how the model observes.
         own: whether these are the images that its indices mean; otherwise its bank is
             exchanged for them meanwhile, in parts where there are more than indices.
     """
-    images, n_actions = world.images, world.n_actions
+    images = world.images
     if hasattr(model, "action_probabilities"):
         return np.asarray(model.action_probabilities(np.arange(len(images))))
-    if mode == "pixels":
-        batches = [images[i : i + CHUNK] for i in range(0, len(images), CHUNK)]
-        return np.concatenate([_greedy(model, batch, n_actions) for batch in batches])
-    if own:
-        return _greedy(model, np.arange(len(images)), n_actions)
+    if own or mode != "index":
+        shown = observed(world, mode)
+        batches = [shown[i : i + CHUNK] for i in range(0, len(shown), CHUNK)]
+        return np.concatenate([_greedy(model, batch, world) for batch in batches])
     size = int(model.observation_space.n)
     tables = []
     for i in range(0, len(images), size):
         part = images[i : i + size]
         with exchanged_bank(model, part):
-            tables.append(_greedy(model, np.arange(len(part)), n_actions))
+            tables.append(_greedy(model, np.arange(len(part)), world))
     return np.concatenate(tables)
 
 
-def state_table(model: Any, n_states: int, n_actions: int) -> np.ndarray:
-    """`(S, A)` action probabilities of a model that is told the hidden state."""
-    return _greedy(model, np.arange(n_states), n_actions)
-
-
-def _greedy(model: Any, observations: np.ndarray, n_actions: int) -> np.ndarray:
+def _greedy(model: Any, observations: np.ndarray, world: World) -> np.ndarray:
     actions, _ = model.predict(observations, deterministic=True)
-    return np.eye(n_actions)[np.asarray(actions, int)]
+    return np.eye(world.n_actions)[numbered(world, actions)]
 
 
 @contextmanager
@@ -315,12 +241,13 @@ class TreeFigures:
     leaf_entropy: float | None
 
 
-def tree_figures(model: Any, worlds: Sequence[World]) -> TreeFigures | None:
+def tree_figures(model: Any, worlds: Sequence[World], mode: str = "index") -> TreeFigures | None:
     """Figures of a model's tree, or None if it has none.
 
     Args:
         model: any model; a learner of trees has `tree`.
         worlds: the training world and, where there is one, that with held-out views.
+        mode: `"index"`, `"pixels"` or `"symbols"`, how the model observes.
     """
     tree = getattr(model, "tree", None)
     if tree is None:
@@ -329,7 +256,9 @@ def tree_figures(model: Any, worlds: Sequence[World]) -> TreeFigures | None:
     if remembers(model):  # the views of a cell are not all that the leaf depends on
         return TreeFigures(*size, None, None)
     views = [views_by_state(world) for world in worlds]
-    numbers = [leaf_numbers(model, world.images) for world in worlds]
+    # Images as such: of held-out ones the model has no numbers.
+    shown = [observed(world, "symbols" if mode == "symbols" else "pixels") for world in worlds]
+    numbers = [leaf_numbers(model, observations) for observations in shown]
     cells = [
         np.concatenate([n[v[s]] for n, v in zip(numbers, views, strict=True)])
         for s in np.flatnonzero(~worlds[0].terminal)
@@ -337,15 +266,10 @@ def tree_figures(model: Any, worlds: Sequence[World]) -> TreeFigures | None:
     return TreeFigures(*size, state_reduction_index(cells), leaf_entropy(cells))
 
 
-def leaf_numbers(model: Any, images: np.ndarray) -> np.ndarray:
-    """`(N,)` level-order numbers, from 1, of the leaves that images fall in."""
+def leaf_numbers(model: Any, observations: np.ndarray) -> np.ndarray:
+    """`(N,)` level-order numbers, from 1, of the leaves that observations fall in."""
     numbers = model.tree.level_order_numbers()
-    return np.array([numbers[model.policy.leaf(image).row] for image in images])
-
-
-def views_by_state(world: World) -> list[np.ndarray]:
-    """For each state, the indices of the images it may show."""
-    return [row[:n] for row, n in zip(world.views, world.n_views, strict=True)]
+    return np.array([numbers[model.policy.leaf(observation).row] for observation in observations])
 
 
 def state_reduction_index(leaves_by_cell: Sequence[np.ndarray]) -> float:

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any, Literal
 
 Family = Literal["tree", "network", "control"]
-Mode = Literal["index", "pixels", "state"]
+Mode = Literal["index", "pixels", "symbols", "state"]
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Method:
         family: for training budgets and colours.
         build: `(env, seed, **settings) -> model`, an SB3 algorithm.
         n_envs: environments that its training steps run in at once.
-        obs: `"index"` (reads images from the bank it holds), `"pixels"` or `"state"`
-            (told the hidden state: an upper bound, no rival).
+        obs: `"index"` (reads images from the bank it holds), `"pixels"`, `"symbols"` (those of a
+            world that has them) or `"state"` (told the hidden state: an upper bound, no rival).
         settings: defaults that a study may override.
         note: one sentence for the report.
     """
@@ -57,8 +57,8 @@ def _random(env: Any, seed: int, **settings: Any) -> Any:
     return RandomAgent(env, seed=seed, **settings)
 
 
-def _tree(name: str, path: str, note: str) -> Method:
-    return Method(name, "tree", _constructor(path), 32, "index", note=note)
+def _tree(name: str, path: str, note: str, obs: Mode = "index") -> Method:
+    return Method(name, "tree", _constructor(path), 32, obs, note=note)
 
 
 def _network(name: str, path: str, note: str, **settings: Any) -> Method:
@@ -77,6 +77,8 @@ _ALL = (
     _tree("STree", "attn_tree:STree", "saccade tree: a codeword at one place after another"),
     _tree("WindowTree", "attn_tree:WindowTree", "tree over thresholds of small windows, jittered memories"),
     _tree("RLVC", "attn_tree:RLVC", "tree over SIFT features of the whole image"),
+    _tree("UTree", "attn_tree:UTree", "tree over dimensions of symbols, now and before", "symbols"),
+    _tree("ObjectTree", "attn_tree:ObjectTree", "tree over which objects are in the scene", "symbols"),
     _network("NaturePPO", "baselines.nature_cnn:NaturePPO", "PPO, NatureCNN on the full image"),
     _network("NatureDQN", "baselines.nature_cnn:NatureDQN", "DQN, NatureCNN on the full image"),
     _glimpse("GlimpsePPO", "learned", "PPO, a 16×16 glance and 3 windows at learned places"),
@@ -93,6 +95,9 @@ _ALL = (
     ),
     _control("ThumbnailTree", "baselines.coarse:ThumbnailTree", "tree over thresholds of an 8×8 thumbnail"),
     _control("CoarseRLVC", "baselines.coarse:CoarseRLVC", "RLVC on the image at half size"),
+    _control(
+        "AssociativeQ", "attn_tree:AssociativeQ", "table over percepts, motor action and attention as one"
+    ),
     _control(
         "TabularQ", "baselines.tabular:TabularQ", "table over the hidden state: told the answer", "state"
     ),

@@ -32,8 +32,9 @@ from runs.costs import (
     pin_threads,
     pixel_cost,
 )
-from runs.evaluation import Percept, apart, beginnings, play, remembers
+from runs.evaluation import remembers
 from runs.methods import METHODS, Method
+from runs.playing import Percept, apart, beginnings, play
 from runs.study import Cell
 from runs.tensorboard import StudyCallback, write_summary
 
@@ -96,7 +97,8 @@ def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
         env = make_env(method, cell.env, _env_settings(cell), 1, cell.seed)
         model = models.load(folder / MODEL, env)
         subjects[cell.method] = Subject(model, _percepts(env, method, model))
-        shapes[cell.method] = env.get_attr("bank")[0].shape[1:] if is_ours(cell.env) else _image_shape(env)
+        images = is_ours(cell.env) and method.obs != "symbols"
+        shapes[cell.method] = env.get_attr("bank")[0].shape[1:] if images else _image_shape(env)
     times = decision_times(subjects, np.random.default_rng(cells[0].seed))
     for cell, folder in zip(cells, folders, strict=True):
         run = record.read(folder / TRAINED)
@@ -223,7 +225,7 @@ def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
         if heldout is not None:
             run.return_mean_heldout = heldout.return_mean
             run.correct_policy_rate_heldout = heldout.correct_policy_rate
-    figures = evaluation.tree_figures(model, worlds)
+    figures = evaluation.tree_figures(model, worlds, method.obs)
     if figures is not None:
         run.tree_depth, run.tree_leaves, run.tree_nodes = figures.depth, figures.leaves, figures.nodes
         run.sri, run.leaf_entropy = figures.sri, figures.leaf_entropy
@@ -260,7 +262,7 @@ def _draw(model: Any, method: Method, env: Any, folder: Path) -> None:
     if hasattr(model, "tree") and hasattr(model, "draw"):
         model.draw(folder / "tree.png")
     worlds = _worlds(env)
-    if worlds and method.obs != "state" and method.name != "Random":
+    if worlds and method.obs in ("index", "pixels") and method.name != "Random":
         met = list(dict.fromkeys(percepts_of(worlds[0], "index")))[:5]
         images = [worlds[0].images[image] for image in met]
         shown: list[Any] = met if method.obs == "index" else images

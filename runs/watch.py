@@ -24,8 +24,9 @@ from envs.render import camera_rectangle
 from runs import cli, models
 from runs.costs import decide
 from runs.drawing import BLACK, WHITE, gaze_on
-from runs.evaluation import Percept, exchanged_bank
+from runs.evaluation import exchanged_bank
 from runs.methods import METHODS
+from runs.playing import Percept, numbered
 from runs.run import full_id, is_ours, make_env
 
 VIEW = 384  # width of the camera's picture, pixels, beside a scene that shows none
@@ -50,13 +51,14 @@ def record_frames(model: Any, env: Any, world: Any, steps: int) -> list[np.ndarr
         cost, _ms = decide(model, seen)
         readings = cost.ledgers[0].readings if cost.ledgers else []
         actions, state = model.predict(observation, state, starts, deterministic=True)
-        action = int(np.asarray(actions).ravel()[0])
         scene = env.render()
         read = f"{cost.fraction:.1%} of the pixels" if cost.ledgers else "no pixels"
-        name = world.action_names[action] if world is not None else f"action {action}"
+        name = (
+            world.action_names[numbered(world, actions)[0]] if world is not None else f"action {actions[0]}"
+        )
         text = f"episode {episode}, return {earned:+.1f}, reads {read}, goes {name}"
         frames.append(_frame(_with_gaze(scene, observation[0], world, readings), text))
-        observation, rewards, dones, _infos = env.step(np.array([action]))
+        observation, rewards, dones, _infos = env.step(np.asarray(actions))
         starts = np.asarray(dones, bool)
         earned += float(rewards[0])
         if dones[0]:
@@ -111,7 +113,7 @@ def _with_gaze(scene: np.ndarray, observation: Any, world: Any, readings: Sequen
         return np.concatenate(
             [scene, cv2.resize(seen, (seen.shape[1] * height // seen.shape[0], height))], axis=1
         )
-    if readings:
+    if readings and observation.ndim != 1:  # symbols are read nowhere in the picture
         x, y, width, height = camera_rectangle(world)
         image = observation if observation.ndim == 3 else world.images[int(observation)]
         scene = scene.copy()
