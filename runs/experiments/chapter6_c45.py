@@ -140,7 +140,7 @@ def _units_costs() -> list[Unit]:
         )
         for task in STEPS
         for kind in WEIGHED
-        for seed in range(SEEDS)
+        for seed in range(SEEDS, 2 * SEEDS)
     ]
 
 
@@ -221,6 +221,7 @@ EXPERIMENTS = [
             "Costs are 1, 2, 4, … , dealt to the objects by the seed; rewards do not know of them.",
             "'least possible' is the cheapest tree that is optimal in every state, with the world known.",
             "'cheapest' rebuilds the tree that decides, as 'smallest' does, so that decisions cost least.",
+            f"Seeds are {SEEDS} to {2 * SEEDS - 1}: on earlier ones the rule for 'cheapest' was found.",
         ),
         cpu_minutes=6,
     ),
