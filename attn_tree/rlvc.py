@@ -87,7 +87,8 @@ class FeatureVocabulary(Vocabulary):
 
     def answer(self, question: Any, retina: Retina) -> int:
         """1 if the feature is present, else 0."""
-        return int(self.answers([question], retina)[0])
+        known = retina.computed.get(self, ())  # of a lasting image; a cold decision's retina knows nothing
+        return int(known[question] if question < len(known) else self.answers([question], retina)[0])
 
     def answers(self, questions: Sequence[Any], retina: Retina) -> np.ndarray:
         """Presence `(Q,)` of several features."""
