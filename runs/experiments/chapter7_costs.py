@@ -36,7 +36,7 @@ def compute_shares(unit: Unit, lines: Lines) -> dict[str, Any]:
             for points in (1, POINTS):
                 found[f"{name} {line.key} {points}"] = {
                     "features": name,
-                    "regions": line.settings["regions"],
+                    "regions": line.key.partition("-")[0],
                     "window": line.settings["window"],
                     "points": points,
                     "rate": scores["rate"][str(points)],
