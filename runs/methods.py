@@ -57,8 +57,8 @@ def _random(env: Any, seed: int, **settings: Any) -> Any:
     return RandomAgent(env, seed=seed, **settings)
 
 
-def _tree(name: str, path: str, note: str, obs: Mode = "index") -> Method:
-    return Method(name, "tree", _constructor(path), 32, obs, note=note)
+def _tree(name: str, path: str, note: str, obs: Mode = "index", **settings: Any) -> Method:
+    return Method(name, "tree", _constructor(path), 32, obs, settings, note)
 
 
 def _network(name: str, path: str, note: str, **settings: Any) -> Method:
@@ -77,6 +77,9 @@ _ALL = (
     _tree("STree", "attn_tree:STree", "saccade tree: a codeword at one place after another"),
     _tree("WindowTree", "attn_tree:WindowTree", "tree over thresholds of small windows, jittered memories"),
     _tree("RLVC", "attn_tree:RLVC", "tree over SIFT features of the whole image"),
+    _tree(
+        "RLVC-salient", "attn_tree:RLVC", "RLVC in windows at five salient places alone", regions="salient"
+    ),
     _tree("UTree", "attn_tree:UTree", "tree over dimensions of symbols, now and before", "symbols"),
     _tree("ObjectTree", "attn_tree:ObjectTree", "tree over which objects are in the scene", "symbols"),
     _network("NaturePPO", "baselines.nature_cnn:NaturePPO", "PPO, NatureCNN on the full image"),
