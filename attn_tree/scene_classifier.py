@@ -23,7 +23,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted
 
-from attn_tree.scene_distances import Match, matched, region_distances
+from attn_tree.scene_distances import Match, image_distances
 from attn_tree.scene_features import Regions, Viewer, Views
 from attn_tree.vision.hmax import Dictionary, learned_dictionary
 
@@ -43,7 +43,8 @@ class SceneClassifier(ClassifierMixin, BaseEstimator):
         dictionary: prototypes of C2: how many to cut from the training images' regions, or a `Dictionary`.
         distance: of SIFT bags, by "appearance" (eq. 7.6) or by "position" too (eq. 7.7).
         sigma, H: σ in native pixels and H of eq. 7.7; σ = 0 is eq. 7.6.
-        match: of the regions of two images, "hungarian", "best" or "closest" (see `matched`).
+        match: of the regions of two images, "hungarian", "best" or "closest" (see `matched`), or "pooled",
+            all features of an image in one bag.
         k: neighbours that vote; None to choose it by cross-validation.
         inhibition: two salient places are at least so far apart, pixels of an image of 640 × 480.
         resolution: of the image that saliency is worked out on, in (0, 1].
@@ -145,7 +146,7 @@ class SceneClassifier(ClassifierMixin, BaseEstimator):
 
     def _compare(self, a: Views, b: Views) -> np.ndarray:
         sigma = self.sigma if self.distance == "position" else 0.0
-        return matched(region_distances(a, b, sigma=sigma, H=self.H), self.match)
+        return image_distances(a, b, self.match, sigma=sigma, H=self.H)
 
     def _prototypes(self, viewer: Viewer, images: Sequence[np.ndarray] | np.ndarray) -> Dictionary:
         if isinstance(self.dictionary, Dictionary):

@@ -27,9 +27,30 @@ from scipy.optimize import linear_sum_assignment
 
 from attn_tree.scene_features import Views
 
-Match = Literal["hungarian", "best", "closest"]
+Match = Literal["hungarian", "best", "closest", "pooled"]
 FARTHEST = 2**0.5
 _ROWS = 1024  # features of a block, each way; the product then stays in the cache
+
+
+def image_distances(
+    a: Views, b: Views, match: Match = "hungarian", *, sigma: float = 0.0, H: float = 1000.0
+) -> np.ndarray:
+    """Distances of all images, `(images of a, images of b)` float32.
+
+    Args:
+        a, b, sigma, H: as of `region_distances`.
+        match: as of `matched`; or "pooled", not the thesis's: all features of an image are one bag, which
+            costs as much as comparing all its regions.
+
+    Raises:
+        ValueError: as these two; or C2 vectors, which are no bags, pooled.
+    """
+    if match != "pooled":
+        return matched(region_distances(a, b, sigma=sigma, H=H), match)
+    if not a.bags:
+        raise ValueError("match is 'pooled', which is for bags of SIFT features; expected 'hungarian' for C2")
+    one = a.pooled()
+    return region_distances(one, one if a is b else b.pooled(), sigma=sigma, H=H)[:, 0, :, 0]
 
 
 def region_distances(a: Views, b: Views, *, sigma: float = 0.0, H: float = 1000.0) -> np.ndarray:
@@ -130,7 +151,7 @@ def matched(regions: np.ndarray, match: Match = "hungarian") -> np.ndarray:
         ValueError: no such match.
     """
     if match not in ("hungarian", "best", "closest"):
-        raise ValueError(f"match is {match!r}; expected 'hungarian', 'best' or 'closest'")
+        raise ValueError(f"match is {match!r}; expected 'hungarian', 'best', 'closest' or 'pooled'")
     if regions.shape[1] == regions.shape[3] == 1:
         return regions[:, 0, :, 0]
     if match == "closest":

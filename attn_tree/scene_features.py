@@ -55,6 +55,10 @@ class Views:
         """Images."""
         return (len(self.bounds) - 1) // self.regions
 
+    def pooled(self) -> Views:
+        """The regions of each image as one bag."""
+        return replace(self, regions=1, bounds=self.bounds[:: self.regions])
+
     def take(self, images: Sequence[int] | np.ndarray, points: int | None = None) -> Views:
         """The first `points` regions (None for all) of some images, in this order."""
         points = self.regions if points is None else points

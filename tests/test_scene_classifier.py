@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from sklearn.exceptions import NotFittedError
 
 from attn_tree import SceneClassifier
 from attn_tree.scene_classifier import best_k, k_rates, vote
-from attn_tree.scene_distances import matched, region_distances
+from attn_tree.scene_distances import image_distances, matched, region_distances
 from attn_tree.scene_features import Regions, Viewer, Views
 from attn_tree.vision.hmax import fixed_dictionary
 from attn_tree.vision.retina import meter
@@ -79,6 +80,16 @@ def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("attn_tree.scene_distances._ROWS", 4)
     np.testing.assert_allclose(region_distances(views, views), whole, atol=2e-3)
     np.testing.assert_allclose(region_distances(views, other), whole, atol=2e-3)
+
+
+def test_pooled_regions_are_one_bag() -> None:
+    a, b = (bags(np.random.default_rng(seed), [2, 0, 3, 1], 2) for seed in (0, 1))
+    found = image_distances(a, b, "pooled")
+    one, other = (Views(1, v.values, v.positions, np.array([0, 2, 6]), bags=True) for v in (a, b))
+    slow = [[slow_distance(one, i, other, j, 0, 1) for j in range(2)] for i in range(2)]
+    np.testing.assert_allclose(found, slow, atol=1e-3)
+    with pytest.raises(ValueError, match="bags of SIFT"):
+        image_distances(replace(a, bags=False), replace(b, bags=False), "pooled")
 
 
 def test_distances_of_vectors() -> None:

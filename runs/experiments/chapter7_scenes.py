@@ -75,7 +75,7 @@ def coarse(name: str) -> list[Unit]:
 
 def compute_sift(unit: Unit, lines: Lines) -> dict[str, Any]:
     """SIFT bags at places, of the whole image, or colour histograms."""
-    from attn_tree.scene_distances import region_distances
+    from attn_tree.scene_distances import image_distances, region_distances
     from attn_tree.scene_features import Viewer
 
     places = scenes.places_of(unit.settings["set"])
@@ -87,7 +87,12 @@ def compute_sift(unit: Unit, lines: Lines) -> dict[str, Any]:
     regions = region_distances(views, views)
     seconds = time.process_time() - start
     sizes = np.diff(views.bounds)
-    seen = {"features": float(sizes.mean()), "empty": float((sizes == 0).mean()), "distance_cpu_s": seconds}
+    seen: dict[str, Any] = {
+        "features": float(sizes.mean()),
+        "empty": float((sizes == 0).mean()),
+        "distance_cpu_s": seconds,
+    }
+    seen |= {"pooled": scenes.rates(image_distances(views, views, "pooled"), places.labels, places)["rate"]}
     return scenes.grid(regions, places) | scenes.pixels(viewer, places.images) | seen
 
 
@@ -199,10 +204,10 @@ def _controls(found: dict[str, Any], caption: str) -> Table:
         cells = [percent(_one(each, "rate")) if each else None for each in kinds.values()]
         gains = [_gain(salient, each) if each else None for name, each in kinds.items() if name in CONTROLS]
         shares = [f"{100 * salient[name][-1]:.1f}" for name in ("recognition", "selection")]
-        other = [percent(salient[match]).value for match in ("best", "closest")]
+        other = [percent(salient[m]) if m in salient else None for m in ("best", "closest", "pooled")]
         rows.append([f"{window}", *cells, *gains, *other, *shares])
     head = ["W", "salient", *CONTROLS, *(f"salient − {kind}" for kind in CONTROLS)]
-    head += ["salient, best match", "closest pair", "pixels described %", "to choose %"]
+    head += ["salient, best match", "closest pair", "one bag", "pixels described %", "to choose %"]
     return Table(head, rows, caption)
 
 
