@@ -109,9 +109,10 @@ def _block(a: Views, rows: np.ndarray, b: Views, columns: np.ndarray, sigma: flo
     """Eq. 7.6 or 7.7 for these regions, none of them empty."""
     part_a, part_b = _span(a, rows), _span(b, columns)
     similar = a.values[part_a] @ b.values[part_b].T
-    if sigma:
-        near = _apart(similar) * _factor(a.positions[part_a], b.positions[part_b], sigma, H)
-        similar = -near
+    if sigma:  # the least of the products, so the greatest of the negated ones
+        similar = _apart(similar)
+        similar *= _factor(a.positions[part_a], b.positions[part_b], sigma, H)
+        np.negative(similar, out=similar)
     starts_a, starts_b = a.bounds[rows] - part_a.start, b.bounds[columns] - part_b.start
     best_b = np.maximum.reduceat(similar, starts_b, axis=1)  # of each feature of a, in each region of b
     # Down the rows a loop over the regions keeps to the order of memory; reduceat does not.
@@ -129,14 +130,22 @@ def _span(views: Views, regions: np.ndarray) -> slice:
 
 
 def _apart(similar: np.ndarray) -> np.ndarray:
-    """Distance of unit descriptors by their product."""
-    return np.sqrt(np.maximum(2 - 2 * similar, 0))
+    """Distance of unit descriptors by their product, in its place."""
+    similar *= -2
+    similar += 2
+    np.maximum(similar, 0, out=similar)
+    return np.sqrt(similar, out=similar)
 
 
 def _factor(x: np.ndarray, y: np.ndarray, sigma: float, H: float) -> np.ndarray:
     """H − e^G for all pairs of positions."""
-    squares = (x[:, 0, None] - y[:, 0]) ** 2 + (x[:, 1, None] - y[:, 1]) ** 2
-    return H - np.exp(squares / np.float32(-2 * sigma**2))
+    found, down = (np.subtract.outer(x[:, axis], y[:, axis]) for axis in (0, 1))
+    found *= found
+    down *= down
+    found += down
+    found *= np.float32(-1 / (2 * sigma**2))
+    np.exp(found, out=found)
+    return np.subtract(np.float32(H), found, out=found)
 
 
 def matched(regions: np.ndarray, match: Match = "hungarian") -> np.ndarray:

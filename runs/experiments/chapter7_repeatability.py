@@ -234,6 +234,7 @@ EXPERIMENTS.append(
             "Six of the eight Oxford scenes; boat and leuven are left out.",
             "Salient, random and fixed regions are discs of one size, which cannot follow a zoom; SIFT and "
             "ORB (OpenCV) keypoints have a scale. All at 5 and 20 regions an image, the strongest.",
+            "Where no region of a view lies in the part seen by both, the rate is 0.",
             "Random places: mean of 10 draws. Intervals are 95% bootstrap intervals over the 30 pairs of "
             "images, within scenes.",
         ),

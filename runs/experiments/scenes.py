@@ -33,7 +33,7 @@ _BINS = 8  # of the colour histogram, each of three channels
 
 SETS = {"ie": "ie_tower_places", "stand-in": None}
 SUFFIX = {"ie": "", "stand-in": "-stand-in"}
-NAMES = {"ie": "44 indoor places (IE Tower, real)", "stand-in": "30 parts of photographs (stand-in)"}
+NAMES = {"ie": "44 indoor places (IE Tower, real)", "stand-in": "24 parts of photographs (stand-in)"}
 DEVIATIONS = {
     "ie": (
         "The thesis's 44 outdoor places of 24 views are lost. These are 44 indoor places of 7 to 15 views, "
@@ -42,7 +42,7 @@ DEVIATIONS = {
         "histogram had no such help.",
     ),
     "stand-in": (
-        "Not real places: 30 parts of photographs, 12 views each of 480 × 360, seen by a camera that turns "
+        "Not real places: 24 parts of photographs, 10 views each of 480 × 360, seen by a camera that turns "
         "up to 40°, tilts up to 36°, and moves. Nothing here is called a result on real scenes.",
     ),
 }
@@ -58,7 +58,7 @@ COMMON = (
 @lru_cache(maxsize=1)
 def places_of(name: str) -> Places:
     """The images of a set, "ie" or "stand-in"."""
-    return ie_tower_places() if name == "ie" else photographed_places()
+    return ie_tower_places() if name == "ie" else photographed_places(24, 10)
 
 
 @lru_cache(maxsize=4)
