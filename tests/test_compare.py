@@ -43,7 +43,7 @@ def start(out: Path) -> subprocess.Popen[str]:
 
 
 def wait_for(out: Path, pattern: str, process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while not list(out.glob(pattern)):
         assert process.poll() is None and time.monotonic() < deadline, "the study ended before it was killed"
         time.sleep(0.02)
