@@ -1,7 +1,7 @@
 """A saccade tree that generalises to views it was not trained on: S-Tree's sibling (thesis 8.5, 8.6).
 
 The thesis admits that S-Tree, whose nodes branch on the codeword seen at a place, does not survive a
-change of view. Four things are meant to mend it; the experiments `remedy-ablation-*` take them away one by one:
+change of view. Four things are meant to mend it; the experiments `remedy-ablation-*` take them away in turn:
 
 1. questions with a threshold, on the mean colour of a small window or on the fit of a patch near a
    place, in place of codewords (`window_questions`);
