@@ -28,9 +28,10 @@ _MOST_ROWS = 1_000_000
 class AssociativeQ(TableLearner):
     """Learns what to do and where to look, as one action of two parts.
 
-    >>> model = AssociativeQ("envs:attn_tree/Driving-a-v0", seed=0)  # doctest: +SKIP
-    >>> model = AssociativeQ(env).learn(50_000)  # doctest: +SKIP
-    >>> model.set_env(another).learn(50_000, reset_num_timesteps=False)  # doctest: +SKIP
+    >>> env = make_vec("attn_tree/Driving-a-v0", n_envs=8, obs="index")  # doctest: +SKIP
+    >>> model = AssociativeQ(env, seed=0).learn(50_000)  # doctest: +SKIP
+    >>> model.set_env(make_vec("attn_tree/Driving-d-v0", n_envs=8, obs="index"))  # doctest: +SKIP
+    >>> model.learn(50_000, reset_num_timesteps=False)  # doctest: +SKIP
 
     Args:
         env: environment with actions `MultiDiscrete([motor, places])` and observations `Discrete` or

@@ -72,11 +72,14 @@ class ObjectVocabulary(Vocabulary):
                 f"asks is {asks}, but detectors say the same of an image each time: give asks=1, or let "
                 "them look at more places"
             )
+        if detectors is not None and not hasattr(detectors, "present"):
+            raise ValueError(
+                f"detectors is {detectors!r}; expected detectors, as Detectors.load(file) gives them"
+            )
         if detectors is not None and names is None:
             names = detectors.names
         self.senses = "values" if detectors is None else "images"
         self.detectors, self.asks, self._costs_given = detectors, int(asks), costs
-        self.readings = self.asks
         self.names: tuple[str, ...] = ()
         self.costs: tuple[float, ...] | None = None
         if names is not None:
@@ -84,7 +87,8 @@ class ObjectVocabulary(Vocabulary):
 
     def _name(self, names: Sequence[str]) -> None:
         """Know the objects by these names, and what asking for each costs."""
-        if isinstance(names, str) or not len(names) or not all(isinstance(name, str) for name in names):
+        plain = isinstance(names, str) or not isinstance(names, Sequence)
+        if plain or not len(names) or not all(isinstance(name, str) for name in names):
             raise ValueError(f"objects is {names!r}; expected the names of one or more objects")
         repeated = [name for name in names if list(names).count(name) > 1]
         if repeated:
@@ -101,7 +105,7 @@ class ObjectVocabulary(Vocabulary):
         self.costs = None if self._costs_given is None else _costs(self._costs_given, self.names)
 
     def look_at(self, space: spaces.Space[Any]) -> None:
-        """Take from the space of the observations how many readings there are of each object.
+        """Check that observations hold a symbol for each time an object may be asked for.
 
         Raises:
             ValueError: observations are no symbols of 0 and 1, or do not fit the objects.
@@ -109,16 +113,15 @@ class ObjectVocabulary(Vocabulary):
         if self.senses == "images":
             return
         size = _binary(space)
-        readings = size // len(self.names) if self.names else self.asks
-        if readings < self.asks or size % readings or (self.names and size != readings * len(self.names)):
-            told = f"{len(self.names)} objects ({', '.join(self.names)})" if self.names else "any objects"
+        if size % self.asks or (self.names and size != self.asks * len(self.names)):
+            named = f"{len(self.names)} objects ({', '.join(self.names)})" if self.names else "objects"
             raise ValueError(
-                f"observations of {size} symbols do not hold {self.asks} reading(s) of each of {told}; "
-                "expected as many symbols for each object as it is asked for, or more"
+                f"observations of {size} symbols do not hold {self.asks} of each of {named}; expected one for "
+                "each time an object may be asked for: name all objects, and with make_vec(..., readings=k) "
+                "give asks=k"
             )
-        self.readings = readings
         if not self.names:
-            self._name([f"object {o}" for o in range(size // readings)])
+            self._name([f"object {o}" for o in range(size // self.asks)])
 
     @property
     def ready(self) -> bool:
@@ -159,7 +162,7 @@ class ObjectVocabulary(Vocabulary):
         """The majority of the readings of an object, asked for one after another until it is decided."""
         most, found = self.asks // 2, [0, 0]
         for reading in range(self.asks):
-            value = gauge.read(number * self.readings + reading)
+            value = gauge.read(number * self.asks + reading)
             found[value > 0.5] += 1
             if max(found) > most:
                 break
@@ -177,7 +180,7 @@ class ObjectVocabulary(Vocabulary):
             )
         for gauge in percepts:
             if _ALL not in gauge.computed:
-                shown = gauge.whole().reshape(len(self.names), self.readings)[:, : self.asks]
+                shown = gauge.whole().reshape(len(self.names), self.asks)
                 gauge.computed[_ALL] = (shown > 0.5).sum(axis=1) > self.asks // 2
         table = np.array([gauge.computed[_ALL] for gauge in percepts], np.int64)
         return table[:, [question.object for question in questions]]
@@ -238,6 +241,8 @@ def _costs(given: Mapping[str, float] | Sequence[float], names: tuple[str, ...])
         if set(given) != set(names):
             raise ValueError(f"costs are of {', '.join(given)}; expected one of each of {', '.join(names)}")
         given = [given[name] for name in names]
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise ValueError(f"costs is {given!r}; expected a number for each object, by name or in order")
     found = list(given)
     if len(found) != len(names):
         raise ValueError(f"costs has {len(found)} numbers; expected one for each of {len(names)} objects")

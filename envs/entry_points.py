@@ -39,7 +39,8 @@ def _build(path: str, split: str, kwargs: dict[str, Any]) -> Worlds:
     if split == "train":
         return worlds
     if worlds.heldout is None:
-        raise ValueError("split='heldout' needs held-out views: give heldout_views of at least 1")
+        able = "give heldout_views of at least 1" if "heldout_views" in known else "this environment has none"
+        raise ValueError(f"split='heldout' needs held-out views: {able}")
     return Worlds(worlds.heldout, worlds.heldout)
 
 

@@ -8,6 +8,7 @@ outcome, since everything in it follows from its seeds.
 
 from __future__ import annotations
 
+import inspect
 import json
 import shlex
 import shutil
@@ -15,6 +16,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +53,13 @@ def make_env(method: Method, env: str, settings: Mapping[str, Any], n_envs: int,
             raise ValueError("'builder' is fixed by the environment's id and cannot be set")
         if "obs" in settings:
             raise ValueError(f"obs is set by the method ({method.name}: obs='{method.obs}'): leave it out")
+        if (
+            "flip" in settings or "readings" in settings
+        ):  # a policy of what is read, not of the world's images
+            raise ValueError(
+                "flip and readings are of a sensor that errs, behind which runs are not scored: learn with "
+                "envs.sb3.make_vec(..., flip=, readings=), as the experiment figure-6.14 does"
+            )
         return make_vec(env, n_envs=n_envs, seed=seed, obs=method.obs, **settings)
     return make_vec(env, n_envs=n_envs, seed=seed, **settings)
 
@@ -140,8 +149,16 @@ def full_id(env: str) -> str:
     return cli.known("environment", name, REGISTERED) if is_ours(name) else env
 
 
+def has_bank(env: str) -> bool:
+    """Whether chance has a part in the images of one of our worlds."""
+    from envs import TABLE
+
+    module, _, function = TABLE[full_id(env).removeprefix("attn_tree/")].builder.partition(":")
+    return "bank_seed" in inspect.signature(getattr(import_module(module), function)).parameters
+
+
 def _env_settings(cell: Cell) -> dict[str, Any]:
-    ours = {"bank_seed": cell.bank_seed} if is_ours(cell.env) else {}
+    ours = {"bank_seed": cell.bank_seed} if is_ours(cell.env) and has_bank(cell.env) else {}
     return {**ours, **cell.env_settings}
 
 

@@ -54,11 +54,12 @@ def test_an_object_is_asked_once_on_a_path_and_asking_reads_its_symbol_alone() -
 @given(st.lists(st.booleans(), min_size=10, max_size=10), st.sampled_from([1, 3, 5]))
 def test_the_majority_counts_and_asking_stops_when_it_is_decided(readings: list[bool], asks: int) -> None:
     words = ObjectVocabulary(("a", "b"), asks=asks)
-    words.look_at(spaces.MultiDiscrete([2] * 10))  # five readings of each, `asks` of them asked for
+    words.look_at(spaces.MultiDiscrete([2] * 2 * asks))
+    readings = readings[: 2 * asks]
     asked, lasting = Gauge(np.array(readings)), Gauge(np.array(readings))
     table = words.answer_table(words.every(), [lasting])[0]
     for number, question in enumerate(words.every()):
-        mine = readings[5 * number : 5 * number + asks]
+        mine = readings[asks * number : asks * (number + 1)]
         before = len(asked.ledger.readings)
         assert words.answer(question, asked) == table[number] == int(sum(mine) > asks / 2)
         decided = next(n for n in range(1, asks + 1) if max(sum(mine[:n]), n - sum(mine[:n])) > asks // 2)
@@ -110,6 +111,11 @@ def test_detectors_answer_and_what_they_read_is_counted(tmp_path) -> None:
         ({"asks": 2}, "odd number"),
         ({"asks": 3, "detectors": OneDetector()}, "each time"),
         ({"objects": NAMES, "costs": [1, 2]}, "one for each of 4"),
+        ({"objects": NAMES, "costs": 2}, "a number for each object"),
+        ({"objects": 7}, "names of one or more"),
+        ({"detectors": "file.zip"}, "Detectors.load"),
+        ({"epsilon": 2}, "from 0 to 1"),
+        ({"epsilon": {"lin": [1]}}, "share of learning"),
         ({"objects": NAMES, "costs": {"bike": 1}}, "one of each"),
         ({"objects": NAMES, "costs": [1, 1, 0, 1]}, "positive"),
         ({"objects": NAMES, "costs": [1, 1, 2, 1], "growth": Growth(criterion="utility")}, "utility"),
@@ -123,7 +129,7 @@ def test_a_wrong_setting_gives_one_clear_line(settings, message: str) -> None:
     assert "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize("objects", [("a", "b", "c"), tuple("abcdefgh")])
+@pytest.mark.parametrize("objects", [("a", "b"), ("a", "b", "c"), tuple("abcdefgh")])
 def test_observations_that_do_not_fit_the_objects_are_refused(objects: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match="do not hold"):
         ObjectTree(simple_map(), objects=objects)
