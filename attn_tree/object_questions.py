@@ -116,8 +116,8 @@ class ObjectVocabulary(Vocabulary):
         if size % self.asks or (self.names and size != self.asks * len(self.names)):
             named = f"{len(self.names)} objects ({', '.join(self.names)})" if self.names else "objects"
             raise ValueError(
-                f"observations of {size} symbols do not hold {self.asks} of each of {named}; expected one for "
-                "each time an object may be asked for: name all objects, and with make_vec(..., readings=k) "
+                f"observations of {size} symbols do not hold {self.asks} of each of {named}; expected one "
+                "for each time an object may be asked for: name all objects, and with make_vec(..., readings=k) "
                 "give asks=k"
             )
         if not self.names:
