@@ -117,7 +117,7 @@ class ObjectVocabulary(Vocabulary):
             named = f"{len(self.names)} objects ({', '.join(self.names)})" if self.names else "objects"
             raise ValueError(
                 f"observations of {size} symbols do not hold {self.asks} of each of {named}; expected one "
-                "for each time an object may be asked for: name all objects, and with make_vec(..., readings=k) "
+                "for each time an object may be asked for: name all objects; with make_vec(..., readings=k) "
                 "give asks=k"
             )
         if not self.names:
