@@ -15,7 +15,6 @@ import numpy as np
 
 from runs.experiments.experiment import Experiment, Line, Lines, Table, Unit, select
 from runs.experiments.growing import GAMMA, SEEDS, Grown, correct, estimate, grow, solved
-from runs.experiments.phases import Phases
 
 SIX = "attn_tree/VisualGridworld-6x6-v0"
 SIZE = (320, 240)
@@ -78,25 +77,9 @@ def _units(columns: Mapping[str, dict[str, Any]], views: int) -> list[Unit]:
     ]
 
 
-class _Curve(Phases):
-    """Notes also the mean variance of Δ, the nodes, and what the greedy policy earns per step."""
-
-    def _note(self) -> None:
-        super()._note()
-        from runs.evaluation import policy_table, score
-
-        model: Any = self.model
-        world = model.get_env().get_attr("world")[0]
-        reward = score(world, policy_table(model, world, "index", True), GAMMA, HORIZON).average_reward
-        self.curve[-1] |= {
-            "variance": model.delta_variance,
-            "nodes": len(model.grown_tree.nodes),
-            "reward": reward,
-            "unsplittable": model.unsplittable,
-        }
-
-
 def _grown(settings: Mapping[str, Any]) -> tuple[Grown, list[dict[str, float]]]:
+    from runs.experiments.phases import Earning
+
     curve: list[dict[str, float]] = []
     grown = grow(
         "RLVC",
@@ -112,7 +95,7 @@ def _grown(settings: Mapping[str, Any]) -> tuple[Grown, list[dict[str, float]]]:
             "bank_seed": settings["seed"],
         },
         settings["learner"],
-        callback=[_Curve(lambda model: 0.0, curve)],
+        callback=[Earning(curve, GAMMA, HORIZON)],
     )
     return grown, curve
 

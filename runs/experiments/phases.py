@@ -43,6 +43,33 @@ class Phases(BaseCallback):
         )
 
 
+class Earning(Phases):
+    """Notes also the mean variance of Δ, the nodes, and what the greedy policy earns per step.
+
+    Args:
+        curve: where the notes go; `correct` is 0 in them.
+        gamma, horizon: as of `runs.evaluation.score`.
+    """
+
+    def __init__(self, curve: list[dict[str, float]], gamma: float, horizon: int) -> None:
+        super().__init__(lambda model: 0.0, curve)
+        self.gamma, self.horizon = gamma, horizon
+
+    def _note(self) -> None:
+        super()._note()
+        from runs.evaluation import policy_table, score
+
+        model: Any = self.model
+        world = model.get_env().get_attr("world")[0]
+        earned = score(world, policy_table(model, world, "index", True), self.gamma, self.horizon)
+        self.curve[-1] |= {
+            "variance": model.delta_variance,
+            "nodes": len(model.grown_tree.nodes),
+            "reward": earned.average_reward,
+            "unsplittable": model.unsplittable,
+        }
+
+
 class Until(BaseCallback):
     """Ends learning after so many phases."""
 
