@@ -169,7 +169,12 @@ def every_tree(answers: np.ndarray, allowed: np.ndarray, costs: np.ndarray | Non
         parts = [tuple(m for m in members if answers[m, question] == value) for value in values]
         for below in product(*(every_tree(answers, allowed, costs, part) for part in parts)):
             *cost, leaves, depth = (sum(each) for each in zip(*below, strict=True))
-            here = [] if costs is None else [cost[0] + len(members) / len(answers) * costs[question]]
+            # Rounded, so that costs that are equal stay equal whatever was added first.
+            here = (
+                []
+                if costs is None
+                else [round(cost[0] + len(members) / len(answers) * float(costs[question]), 12)]
+            )
             yield (*here, leaves, depth + leaves)
 
 
