@@ -21,7 +21,7 @@ from envs.entry_points import Worlds
 from envs.render import WALL, goal_image
 from envs.road_maps import HEADINGS, MAPS, RoadMap, read_map, read_objects
 from envs.sign_objects import OBJECTS
-from envs.sign_scenes import SignScene, sign_scenes
+from envs.sign_scenes import sign_scenes
 from envs.world import World
 
 ACTIONS = ("forward", "left", "right")
@@ -171,33 +171,6 @@ def sign_navigation(
     if bank not in BANKS:
         raise ValueError(f"bank must be one of {', '.join(BANKS)}, not {bank!r}")
     return _worlds(map, sets, bank, bank_seed, views, heldout_views, pixels(image_size))
-
-
-def scenes_behind(
-    map: str = "simple",
-    objects: Objects = None,
-    bank_seed: int = 0,
-    views: int = 5,
-    heldout_views: int = 5,
-    image_size: Size = (360, 270),
-) -> tuple[list[SignScene], list[SignScene]]:
-    """What is where in the images of both worlds of `sign_navigation`, for whoever scores a detector.
-
-    Args:
-        map, objects, bank_seed, views, heldout_views, image_size: as there.
-
-    Returns:
-        Scenes by number of the image, for the training and for the held-out world; the images of the goal and
-        of the road's end, the last two of each, have none. The scenes are drawn again.
-    """
-    _, sets = read_task(map, objects)
-    wanted = ((0, views), (views, heldout_views))
-    both = [
-        sign_scenes(sets, each, bank_seed, pixels(image_size), first) if each else []
-        for first, each in wanted
-    ]
-    train, heldout = ([scene for row in rows for scene in row] for rows in both)
-    return train, heldout
 
 
 @lru_cache(maxsize=2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs import sign_scenes as module
-from envs.navigation import scenes_behind, sign_navigation, vocabulary
+from envs.navigation import read_task, sign_navigation, vocabulary
 from envs.pasting import GAP
 from envs.sign_objects import OBJECTS, draw_object
 from envs.sign_scenes import SIDE, sign_scene, sign_scenes, tagged_objects
@@ -93,8 +93,9 @@ def test_worlds_show_scenes_with_the_objects_of_the_state_and_others_when_held_o
     assert len({image.tobytes() for image in [*train.images[:-2], *heldout.images[:-2]]}) == 36
     for state in range(12):
         assert (train.symbols[train.views[state]] == heldout.symbols[heldout.views[state]]).all()
-    both = scenes_behind(views=2, heldout_views=1, image_size=(72, 54), bank_seed=3)
-    for world, scenes in zip((train, heldout), both, strict=True):
+    _, sets = read_task("simple", None)
+    for world, each, first in ((train, 2, 0), (heldout, 1, 2)):
+        scenes = [scene for row in sign_scenes(sets, each, 3, (72, 54), first) for scene in row]
         names = vocabulary([scene.objects for scene in scenes])
         for image, read, scene in zip(world.images[:-2], world.symbols[:-2], scenes, strict=True):
             assert (image == scene.image).all()
