@@ -164,8 +164,8 @@ EXPERIMENTS = [
         deviations=(
             *_DEVIATIONS,
             "23 leaves cannot have a mean depth of 4.2; 23 nodes, that is 12 leaves of depth 4.17, can.",
-            "44 states show 18 sets of objects, which hide the state. Q-learning told of every object, which a "
-            "probe found to settle short of optimal, is not a row here.",
+            "44 states show 18 sets of objects, which hide the state. Q-learning told of every object, which "
+            "a probe found to settle short of optimal, is not a row here.",
         ),
         cpu_minutes=10,
         figures={
