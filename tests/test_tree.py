@@ -16,7 +16,7 @@ from attn_tree.tree.criterion import (
     delta_variance,
     holm,
     reductions_by_action,
-    separation_p_value,
+    separation_p_values,
     variance_reductions,
 )
 from attn_tree.tree.node import Node
@@ -213,16 +213,44 @@ def test_evidence_aggregates_repeats_and_aliasing_ignores_how_often() -> None:
     assert delta_variance(evidence) == 4.0
 
 
-def test_p_values_are_welch_s_and_defined_without_variance() -> None:
-    rng = np.random.default_rng(3)
-    noisy = Evidence(np.arange(9), np.zeros(9, int), rng.normal(size=9), np.ones(9), np.full(9, 5))
-    groups = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1])
-    expected = stats.ttest_ind(noisy.means[:4], noisy.means[4:], equal_var=False).pvalue
-    assert separation_p_value(noisy, np.arange(9), groups) == pytest.approx(expected)
-    single = np.array([0, 1])
-    assert separation_p_value(noisy, np.arange(2), single) == 1.0
-    certain = Evidence(np.arange(2), np.zeros(2, int), np.array([0.0, 1.0]), np.zeros(2), np.full(2, 5))
-    assert separation_p_value(certain, np.arange(2), single) == 0.0
+def welch_of_every_answer(means: np.ndarray, answers: np.ndarray) -> float:
+    met = np.unique(answers)
+    if len(met) < 2:
+        return 1.0
+    p_values = [1.0]
+    for answer in met if len(met) > 2 else met[:1]:
+        inside, outside = means[answers == answer], means[answers != answer]
+        if len(inside) > 1 and len(outside) > 1:
+            p_values.append(stats.ttest_ind(inside, outside, equal_var=False).pvalue)
+        elif len(inside) + len(outside) > 2:  # one percept borrows the variance of the others
+            one, others = sorted((inside, outside), key=len)
+            error = others.std(ddof=1) * np.array([1, len(others) ** -0.5])
+            freedom = (error**2).sum() ** 2 / (error**4 / [1, len(others) - 1]).sum()
+            t = abs(one.mean() - others.mean()) / np.hypot(*error)
+            p_values.append(2 * stats.t.sf(t, freedom))
+    return min(1.0, min(p_values) * (len(met) if len(met) > 2 else 1))
+
+
+@given(st.integers(0, 10**6), st.integers(2, 12), st.integers(1, 4))
+def test_p_values_are_welch_s_question_by_question(seed: int, m: int, highest: int) -> None:
+    rng = np.random.default_rng(seed)
+    noisy = Evidence(np.arange(m), np.zeros(m, int), rng.normal(size=m), np.ones(m), np.full(m, 5))
+    answers = rng.integers(0, highest + 1, (m, 5))
+    answers[:, 4] = 0  # parts nothing
+    found = separation_p_values(noisy, np.arange(m), answers)
+    expected = [welch_of_every_answer(noisy.means, column) for column in answers.T[:4]]
+    np.testing.assert_allclose(found, [*expected, 1.0], rtol=1e-6)
+
+
+def test_p_values_are_defined_without_variance() -> None:
+    single = np.array([[0], [1]])
+    for noise, expected in ((np.ones(2), 1.0), (np.zeros(2), 0.0)):
+        pair = Evidence(np.arange(2), np.zeros(2, int), np.array([0.0, 1.0]), noise, np.full(2, 5))
+        assert separation_p_values(pair, np.arange(2), single) == [expected]
+    means = np.repeat([0.1, 0.3], 3)  # each answer's percepts agree: no chance, whatever the repeats
+    flat = Evidence(np.arange(6), np.zeros(6, int), means, np.ones(6), np.ones(6))
+    answers = np.column_stack([np.repeat([0, 1], 3), np.zeros(6, int)])
+    np.testing.assert_array_equal(separation_p_values(flat, np.arange(6), answers), [0.0, 1.0])
 
 
 def test_noise_alone_is_rarely_split() -> None:

@@ -18,7 +18,7 @@ from attn_tree.cautious import merged
 from attn_tree.dimension_questions import Above, DimensionVocabulary, Symbol
 from attn_tree.memory import Transitions
 from attn_tree.traces import traced_returns
-from attn_tree.tree.criterion import Evidence, separation_p_value
+from attn_tree.tree.criterion import Evidence, separation_p_values
 from attn_tree.tree.fringe import fringe_split
 from attn_tree.tree.kolmogorov import cut_tests, ks_test, most_different, question_tests
 from attn_tree.tree.node import Node, Tree
@@ -123,7 +123,7 @@ def test_one_answer_differs_from_nothing() -> None:
 
 
 def test_a_question_that_parts_no_pair_of_an_action_is_no_difference() -> None:
-    assert separation_p_value(evidence_of(np.arange(5.0)), np.arange(5), np.zeros(5, int)) == 1
+    assert separation_p_values(evidence_of(np.arange(5.0)), np.arange(5), np.zeros((5, 1), int)) == [1.0]
 
 
 # The fringe -------------------------------------------------------------------------------

@@ -158,52 +158,86 @@ def reductions_by_action(
     return (parent * total - left) / pairs, pairs / max(len(evidence.means), 1)
 
 
-def separation_p_value(evidence: Evidence, pairs: np.ndarray, groups: np.ndarray) -> float:
-    """p-value of the difference in Δ between one answer and all others, at its smallest over answers.
+def separation_p_values(evidence: Evidence, pairs: np.ndarray, answers: np.ndarray) -> np.ndarray:
+    """p-values of the difference in Δ between one answer and all others, at its smallest over answers.
 
     Args:
         evidence: of the leaf.
         pairs: `(m,)` positions of the pairs of one action.
-        groups: `(m,)` their answers; with more than two the p-value is Bonferroni-corrected.
+        answers: `(m, Q)` non-negative answers of these pairs to Q questions.
 
     Returns:
-        Welch's p-value. Where repeats have made the mean Δ of every percept certain (Δ never
-        varies, or its mean has a standard error far below the differences between percepts),
-        those differences are no chance: 0 if the groups' means differ at all, else 1. A group of
-        one percept borrows the variance of the other; two single percepts of uncertain Δ give 1.
+        `(Q,)` Welch's p-values, Bonferroni-corrected where a question has more than two answers. Where
+        repeats have made the mean Δ of every percept certain (Δ never varies, or its mean has a standard
+        error far below the differences between percepts), those differences are no chance: 0 if the
+        groups' means differ at all, else 1. A group of one percept borrows the variance of the other;
+        two single percepts of uncertain Δ give 1.
     """
     means = evidence.means[pairs]
     scale = max(float(np.abs(means).max(initial=0.0)), 1.0)
     repeated = bool((evidence.counts[pairs] > 1).any())
     squared_error = float((evidence.noise[pairs] / evidence.counts[pairs]).max())
     certain = repeated and squared_error <= max(_CERTAIN * float(np.var(means)), (_ROUNDING * scale) ** 2)
-    answers = np.unique(groups)
-    if len(answers) < 2:  # nothing is parted; rounding may have made it look so
-        return 1.0
-    smallest = 1.0
-    for answer in answers if len(answers) > 2 else answers[:1]:
-        inside, outside = means[groups == answer], means[groups != answer]
-        smallest = min(smallest, _welch(inside, outside, certain, scale))
-    return min(1.0, smallest * (len(answers) if len(answers) > 2 else 1))
+    groups = _Groups.of(means, answers)
+    met = (groups.sizes > 0).sum(axis=1)
+    smallest = np.ones(len(met))
+    for answer in range(groups.sizes.shape[1]):
+        asked = np.flatnonzero((met > 1) & (groups.sizes[:, answer] > 0))
+        if len(asked):
+            inside, outside = groups.sides(asked, answer)
+            smallest[asked] = np.minimum(smallest[asked], _welch(inside, outside, certain, scale))
+    return np.minimum(1.0, smallest * np.where(met > 2, met, 1))
 
 
-def _welch(a: np.ndarray, b: np.ndarray, certain: bool, scale: float) -> float:
-    difference = abs(float(a.mean() - b.mean()))
-    if difference <= _ROUNDING * scale:
-        return 1.0
+@dataclass(frozen=True, slots=True)
+class _Groups:
+    """Sizes, means and sums of squared deviations of groups of numbers, each `(Q, C)` or `(Q,)`."""
+
+    sizes: np.ndarray
+    means: np.ndarray
+    squares: np.ndarray
+
+    @classmethod
+    def of(cls, values: np.ndarray, answers: np.ndarray) -> _Groups:
+        """Of `(m,)` values by their `(m, Q)` answers; in two passes, so that equal values vary by 0."""
+        n_questions, width = answers.shape[1], int(answers.max(initial=0)) + 1
+        entries = (answers + np.arange(n_questions) * width).ravel()
+
+        def sums(weights: np.ndarray) -> np.ndarray:
+            return np.bincount(entries, weights, n_questions * width)
+
+        repeated = np.repeat(values, n_questions)
+        sizes = sums(np.ones_like(repeated))
+        means = sums(repeated) / np.maximum(sizes, 1)
+        squares = sums((repeated - means[entries]) ** 2)
+        shape = n_questions, width
+        return cls(sizes.reshape(shape), means.reshape(shape), squares.reshape(shape))
+
+    def sides(self, questions: np.ndarray, answer: int) -> tuple[_Groups, _Groups]:
+        """The group of one answer, and all others together, for some questions."""
+        sizes, means, squares = (part[questions] for part in (self.sizes, self.means, self.squares))
+        inside = _Groups(sizes[:, answer].copy(), means[:, answer], squares[:, answer])
+        sizes[:, answer] = 0
+        total = sizes.sum(axis=1)
+        mean = (sizes * means).sum(axis=1) / total
+        squares = np.where(sizes > 0, squares + sizes * (means - mean[:, None]) ** 2, 0).sum(axis=1)
+        return inside, _Groups(total, mean, squares)
+
+
+def _welch(a: _Groups, b: _Groups, certain: bool, scale: float) -> np.ndarray:
+    difference = np.abs(a.means - b.means)
+    alike = difference <= _ROUNDING * scale
     if certain:
-        return 0.0
-    if len(a) == 1 and len(b) == 1:
-        return 1.0
-    var_a = float(a.var(ddof=1)) if len(a) > 1 else float(b.var(ddof=1))
-    var_b = float(b.var(ddof=1)) if len(b) > 1 else float(a.var(ddof=1))
-    if max(var_a, var_b) <= (_ROUNDING * scale) ** 2:
-        return 0.0
-    shares = np.array([var_a / len(a), var_b / len(b)])
-    freedom = shares.sum() ** 2 / sum(
-        share**2 / max(n - 1, 1) for share, n in zip(shares, (len(a), len(b)), strict=True)
-    )
-    return float(2 * stdtr(freedom, -difference / np.sqrt(shares.sum())))
+        return alike.astype(float)
+    free_a, free_b = np.maximum(a.sizes - 1, 1), np.maximum(b.sizes - 1, 1)
+    own_a, own_b = a.squares / free_a, b.squares / free_b
+    var_a, var_b = np.where(a.sizes > 1, own_a, own_b), np.where(b.sizes > 1, own_b, own_a)
+    flat = np.maximum(var_a, var_b) <= (_ROUNDING * scale) ** 2
+    share_a, share_b = var_a / a.sizes, var_b / b.sizes
+    error = np.where(flat, 1.0, share_a + share_b)
+    below = np.where(flat, 1.0, share_a**2 / free_a + share_b**2 / free_b)
+    p_values = np.where(flat, 0.0, 2 * stdtr(error**2 / below, -difference / np.sqrt(error)))
+    return np.where(alike | ((a.sizes == 1) & (b.sizes == 1)), 1.0, p_values)
 
 
 def holm(p_values: np.ndarray) -> np.ndarray:

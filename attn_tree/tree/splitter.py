@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from .criterion import Evidence, holm, reductions_by_action, separation_p_value, variance_reductions
+from .criterion import Evidence, holm, reductions_by_action, separation_p_values, variance_reductions
 
 # Answers above this are renumbered per question, so that their size costs no memory.
 _MANY = 256
@@ -142,8 +142,8 @@ def _p_values(evidence: Evidence, answers: np.ndarray, actions: np.ndarray, usab
     raw = np.ones(usable.shape)
     for row, action in enumerate(actions):
         pairs = evidence.of_action(int(action))
-        for question in np.flatnonzero(usable[row]):
-            raw[row, question] = separation_p_value(
-                evidence, pairs, answers[evidence.percepts[pairs], question]
-            )
+        asked = np.flatnonzero(usable[row])
+        if len(asked):
+            given = answers[np.ix_(evidence.percepts[pairs], asked)]
+            raw[row, asked] = separation_p_values(evidence, pairs, given)
     return holm(raw.ravel()).reshape(raw.shape)
