@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from runs.experiments import scenes
-from runs.experiments.chapter7_scenes import THESIS_C2, THESIS_SIFT, THESIS_WHOLE
 from runs.experiments.experiment import Experiment, Line, Lines, Table, Unit, mean_interval
+from runs.experiments.scene_tables import THESIS_C2, THESIS_SIFT, THESIS_WHOLE
 from runs.experiments.scenes import CONTROLS, POINTS, SETS, SUFFIX, WINDOWS
 
 IMAGES = 24  # whose pairs are timed

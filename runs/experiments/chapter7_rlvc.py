@@ -1,4 +1,4 @@
-"""RLVC with saliency in the 6×6 grid: figures 7.5 and 7.6, tables 7.7 and 7.8, and what a decision costs.
+"""RLVC with saliency in the 6×6 grid: figures 7.5 and 7.6, tables 7.7 and 7.8.
 
 The thesis's scenes of a campus are not published; the bank's photographs under a camera that turns,
 tilts and comes nearer stand in for them. Beside the thesis's figures stand those it does not measure:
@@ -8,12 +8,12 @@ views never seen, pixels read, and the same tree with random and with fixed plac
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from runs.experiments.experiment import Experiment, Line, Lines, Table, Unit, select
+from runs.experiments.cells_drawing import draw_cells, draw_curves
+from runs.experiments.experiment import Experiment, Line, Lines, Table, Unit
 from runs.experiments.growing import GAMMA, SEEDS, Grown, correct, estimate, grow, solved
 
 SIX = "attn_tree/VisualGridworld-6x6-v0"
@@ -77,11 +77,12 @@ def _units(columns: Mapping[str, dict[str, Any]], views: int) -> list[Unit]:
     ]
 
 
-def _grown(settings: Mapping[str, Any]) -> tuple[Grown, list[dict[str, float]]]:
+def grown(settings: Mapping[str, Any]) -> tuple[Grown, list[dict[str, float]]]:
+    """A tree grown with the settings of a unit, and its curve over phases."""
     from runs.experiments.phases import Earning
 
     curve: list[dict[str, float]] = []
-    grown = grow(
+    tree = grow(
         "RLVC",
         SIX,
         settings["steps"],
@@ -97,7 +98,7 @@ def _grown(settings: Mapping[str, Any]) -> tuple[Grown, list[dict[str, float]]]:
         settings["learner"],
         callback=[Earning(curve, GAMMA, HORIZON)],
     )
-    return grown, curve
+    return tree, curve
 
 
 def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
@@ -106,9 +107,9 @@ def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
     from runs.costs import Subject, percepts_of, pixel_cost
 
     settings = unit.settings
-    grown, curve = _grown(settings)
-    model, world, heldout = grown.model, grown.world, grown.heldout
-    for entry, noted in zip(curve, grown.curve, strict=True):
+    tree, curve = grown(settings)
+    model, world, heldout = tree.model, tree.world, tree.heldout
+    for entry, noted in zip(curve, tree.curve, strict=True):
         entry["correct"] = noted["correct"]
     elsewhere = evaluation.policy_table(model, heldout, "index", own=False)
     numbers = model.tree.level_order_numbers()
@@ -125,7 +126,7 @@ def compute(unit: Unit, lines: Lines) -> dict[str, Any]:
         "nodes": len(model.tree.nodes),
         "depth": float(model.tree.depth),
         "phases": model.phase,
-        "phases_to_correct": grown.phases_to_correct,
+        "phases_to_correct": tree.phases_to_correct,
         "steps": model.num_timesteps,
         "variance": float(model.delta_variance),
         "unsplittable": model.unsplittable,
@@ -200,114 +201,6 @@ def score_points(lines: Sequence[Line]) -> list[Table]:
     return _table(lines, _TABLE_7_8, "Two views of each cell, W = 100.")
 
 
-# Figures ----------------------------------------------------------------------------------
-
-
-def draw_curves(lines: Sequence[Line], path: Path) -> None:
-    """Figure 7.5 a–c over phases: seed 0 thick, the others thin."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 2.7), layout="constrained")
-    panels = (
-        ("reward", "reward per step"),
-        ("variance", "mean variance of Δ"),
-        ("leaves", "leaves"),
-        ("correct", "optimal decisions"),
-    )
-    for axes, (name, title) in zip(figure.subplots(1, len(panels)), panels, strict=True):
-        for line in lines:
-            first = line.settings["seed"] == 0
-            curve = line.scores["curve"]
-            phases = [entry["phase"] for entry in curve]
-            width, colour = (2, "#0072b2") if first else (0.8, "#bbbbbb")
-            axes.plot(
-                phases, [entry[name] for entry in curve], color=colour, linewidth=width, zorder=2 + first
-            )
-        axes.set_title(title, fontsize=9)
-        axes.set_xlabel("phase", fontsize=8)
-        axes.tick_params(labelsize=7)
-    figure.savefig(path, dpi=110)
-
-
-def draw_cells(lines: Sequence[Line], path: Path) -> None:
-    """Figures 7.5 d and 7.6 for seed 0: the leaves of the views of each cell, written in the grid."""
-    from matplotlib.figure import Figure
-
-    chosen = select(lines, seed=0)
-    figure = Figure(figsize=(3.6 * len(chosen), 3.8), layout="constrained")
-    side = 6
-    for axes, line in zip(figure.subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
-        cells = line.scores["cells"]
-        colours = np.zeros((side, side))
-        for cell in range(1, side**2 + 1):
-            row, column = divmod(cell - 1, side)
-            leaves = sorted(set(cells.get(str(cell), ())))
-            colours[row, column] = len(leaves)
-            goal = "goal" if cell == side**2 else ""
-            text = "\n".join(map(str, leaves)) or goal
-            axes.text(column, row, text, ha="center", va="center", fontsize=7 if len(leaves) < 4 else 5)
-        axes.imshow(np.where(colours > 0, colours, np.nan), cmap="Blues", vmin=0, vmax=8)
-        axes.set_facecolor("#999999")
-        axes.set_xticks([]), axes.set_yticks([])
-        axes.set_title(f"{line.settings['regions']}: {line.scores['leaves']} leaves", fontsize=9)
-    figure.savefig(path, dpi=110)
-
-
-# What a decision costs ---------------------------------------------------------------------
-
-_TIMED: Mapping[str, dict[str, Any]] = {
-    "whole image": COLUMNS["whole image"],
-    "salient, W = 100": COLUMNS["salient, W = 100"],
-    **CONTROLS,
-}
-_TIMED_SIZES = (SIZE, (640, 480))
-
-
-def compute_time(unit: Unit, lines: Lines) -> dict[str, Any]:
-    """Trees grown for a few phases side by side, then timed in turns; their work counted."""
-    from runs.costs import Subject, decision_times, percepts_of, pixel_cost
-
-    subjects: dict[str, Any] = {}
-    for name, learner in _TIMED.items():
-        scale = unit.settings["size"][0] // SIZE[0]
-        own = {**learner, "window": learner["window"] * scale} if "window" in learner else learner
-        grown, _ = _grown({**unit.settings, "learner": {**LEARNER, **own}})
-        subjects[name] = Subject(grown.model, percepts_of(grown.world, "index"))
-    times = decision_times(subjects, np.random.default_rng(unit.settings["seed"]))
-    found: dict[str, Any] = {}
-    for name, subject in subjects.items():
-        some = Subject(subject.model, subject.percepts[:5])
-        spent = pixel_cost(some, unit.settings["size"][::-1], False)
-        found[name] = {
-            "ms": float(np.median(times[name])),
-            "ms_95": float(np.quantile(times[name], 0.95)),
-            "fraction": spent.fraction,
-            "selection": spent.selection / spent.image_pixels,
-            "recognition": spent.recognition / spent.image_pixels,
-            "operations": spent.operations,
-        }
-    return found
-
-
-def score_time(lines: Sequence[Line]) -> list[Table]:
-    """A row per kind of regions and size of image."""
-    from runs.experiments.experiment import mean_interval
-
-    rows: list[list[Any]] = []
-    for size in _TIMED_SIZES:
-        chosen = select(lines, size=list(size))
-        for name in _TIMED if chosen else ():
-            cells = [line.scores[name] for line in chosen]
-            taps = [cell["operations"].get("filter_taps", 0) / 1e6 for cell in cells]
-            matching = [cell["operations"].get("distance_operations", 0) / 1e6 for cell in cells]
-            figures = [[cell[key] for cell in cells] for key in ("recognition", "selection", "ms", "ms_95")]
-            each = [mean_interval(values) for values in (*figures, taps, matching)]
-            rows.append([f"{size[0]}×{size[1]}", name, *each])
-    head = ["image", "regions", "read in windows", "read to choose", "ms", "ms, 95th percentile"]
-    head += ["filter taps, millions", "distance operations, millions"]
-    return [Table(head, rows, "One cold decision: batch of one, one thread, the methods taking turns.")]
-
-
 EXPERIMENTS = [
     Experiment(
         name="figure-7.5",
@@ -367,25 +260,5 @@ EXPERIMENTS = [
         score=score_points,
         deviations=_DEVIATIONS,
         cpu_minutes=10,
-    ),
-    Experiment(
-        name="rlvc-costs",
-        chapter=7,
-        title="What a decision of RLVC costs, with and without saliency",
-        section="7.4 and 7.5.1",
-        claim="Very much lower computation than over the whole image.",
-        units=[
-            Unit(f"{size[0]}-{seed}", {"size": list(size), "seed": seed, "views": 1, "steps": 30_000})
-            for size in _TIMED_SIZES
-            for seed in range(3)
-        ],
-        compute=compute_time,
-        score=score_time,
-        deviations=(
-            "The thesis gives shares of pixels; ours are counted and timed, the saliency map included.",
-            "Trees grown for a few phases: a decision reads the same whatever the depth.",
-        ),
-        cpu_minutes=6,
-        serial=True,
     ),
 ]
