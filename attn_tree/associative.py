@@ -112,6 +112,8 @@ class AssociativeQ(TableLearner):
         observations, space = np.asarray(observations), self.observation_space
         if isinstance(space, spaces.MultiDiscrete):
             parts = np.moveaxis(observations - space.start, -1, 0)
+            if not all(((part >= 0) & (part < n)).all() for part, n in zip(parts, space.nvec, strict=True)):
+                raise ValueError(f"an observation lies outside {space}")
             return np.ravel_multi_index(tuple(parts), tuple(space.nvec))
         return observations
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from gymnasium import spaces
 from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.utils import check_for_correct_spaces
 
 from attn_tree.spaces_json import space_from_json, space_to_json
 from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
@@ -45,8 +45,10 @@ def load_learner(
     """The learner of class `kind` in the file; `settings` go before those stored.
 
     Raises:
-        ArchiveError: not such a file, or one of another class.
+        ArchiveError: not such a file, one of another class, or one that learned in another environment.
     """
+    if Path(path).is_dir():
+        raise ArchiveError(f"{path}: is a folder; expected the file of one model")
     meta, arrays = read_archive(_with_suffix(path))
     if "method" in meta and "class" not in meta:
         raise ArchiveError(
@@ -63,7 +65,7 @@ def load_learner(
         if model.env is None:
             model.observation_space, model.action_space, model.n_envs = seen, acts, 1
         else:
-            check_for_correct_spaces(model.env, seen, acts)
+            _check_spaces(path, model.env, seen, acts)
         model._setup_model()
         model.num_timesteps, model._episode_num = int(meta["num_timesteps"]), int(meta["episodes"])
         model.prepare_cpu_s = float(meta["prepare_cpu_s"])
@@ -74,6 +76,15 @@ def load_learner(
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise ArchiveError(f"{path}: not a usable {kind.__name__} ({_one_line(error)})") from None
     return model
+
+
+def _check_spaces(path: str | Path, env: GymEnv, seen: spaces.Space, acts: spaces.Space) -> None:
+    for what, own, given in (
+        ("observations", seen, env.observation_space),
+        ("actions", acts, env.action_space),
+    ):
+        if own != given:
+            raise ArchiveError(f"{path}: learned with {what} {own}; the environment given has {given}")
 
 
 def _with_suffix(path: str | Path) -> Path:

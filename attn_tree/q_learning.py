@@ -30,6 +30,7 @@ from stable_baselines3.common.utils import FloatSchedule, safe_mean
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from attn_tree.action_parts import n_actions, to_space
+from attn_tree.growth import is_number
 from attn_tree.model_file import load_learner, save_learner
 from attn_tree.rates import LEARNING_RATE, Rate, rate_from_json, rate_to_json
 from attn_tree.spaces_json import space_to_json
@@ -92,10 +93,12 @@ class TableLearner(BaseAlgorithm):
         device: str = "cpu",
         _init_setup_model: bool = True,
     ) -> None:
-        if not 0 <= gamma <= 1:
-            raise ValueError(f"gamma is {gamma}; expected a discount factor in [0, 1]")
-        if temperature is not None and temperature <= 0:
-            raise ValueError(f"temperature is {temperature}; expected a positive number or None")
+        if not (is_number(gamma) and 0 <= gamma <= 1):
+            raise ValueError(f"gamma is {gamma!r}; expected a discount factor in [0, 1]")
+        if temperature is not None and not (is_number(temperature) and temperature > 0):
+            raise ValueError(f"temperature is {temperature!r}; expected a positive number or None")
+        if seed is not None and not (isinstance(seed, int | np.integer) and seed >= 0):
+            raise ValueError(f"seed is {seed!r}; expected a whole number from 0 on, or None")
         super().__init__(
             TablePolicy,
             env,

@@ -76,8 +76,8 @@ def check_noise(flip: float, readings: int) -> None:
     Raises:
         ValueError: flip is not in [0, 0.5], or readings is no whole number of at least 1.
     """
-    if not 0 <= flip <= 0.5:
-        raise ValueError(f"flip must be a probability from 0 to 0.5, not {flip}: more tells the opposite")
+    if not isinstance(flip, int | float | np.number) or not 0 <= flip <= 0.5:
+        raise ValueError(f"flip must be a probability from 0 to 0.5, not {flip!r}: more tells the opposite")
     if not isinstance(readings, (int, np.integer)) or readings < 1:
         raise ValueError(f"readings must be a whole number, at least 1, not {readings}")
 
