@@ -55,6 +55,9 @@ class World:
         action_shape: how many choices each part of an action has, where actions have parts (a motor
             action and a place to attend, say); None for plain ones. In these arrays an action is
             one number all the same, that of `numpy.ravel_multi_index(parts, action_shape)`.
+        targets: `(N, 4)` int32, where in each image that is which decides (a cue, a digit): x, y, width and
+            height in pixels, 0 wide where there is nothing; None where it is not known. For scoring only:
+            learners never see it.
 
     Raises:
         ValueError: an array has the wrong shape, or is no distribution or index.
@@ -74,6 +77,7 @@ class World:
     grid_shape: tuple[int, int] | None = None
     symbols: np.ndarray | None = None
     action_shape: tuple[int, ...] | None = None
+    targets: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         expect(
@@ -100,6 +104,12 @@ class World:
             kind = np.asarray(self.symbols).dtype
             expect(kind.kind in "iub", f"symbols must be whole numbers, not {kind}")
             object.__setattr__(self, "symbols", _frozen(self.symbols, np.int32))
+        if self.targets is not None:
+            object.__setattr__(self, "targets", _frozen(self.targets, np.int32))
+            expect(
+                self.targets.shape == (len(self.images), 4),
+                f"targets must have shape ({len(self.images)}, 4), not {self.targets.shape}",
+            )
         if self.action_shape is not None:
             object.__setattr__(self, "action_shape", tuple(map(int, self.action_shape)))
         check_world(self)
@@ -246,7 +256,7 @@ class World:
         """The same dynamics behind other images (held-out views, say), with their symbols if any."""
         read = None if symbols is None else np.asarray(symbols)
         return replace(
-            self, views=np.asarray(views), n_views=np.asarray(n_views), images=images, symbols=read
+            self, views=np.asarray(views), n_views=np.asarray(n_views), images=images, symbols=read, targets=None
         )
 
     def starting_in(self, states: Sequence[int] | np.ndarray) -> World:

@@ -275,7 +275,7 @@ EXPERIMENTS = [
             "DQN's settings are those of RL Baselines3 Zoo; CART is fitted to its decisions in five rounds "
             "of DAgger and has at most 16 leaves, as U-Tree has.",
             "Steps are those of the environment; settings of U-Tree were chosen on seeds 100 to 103. The two "
-            "criteria that compare values, not actions, are far behind; they have 5 seeds and fewer steps.",
+            "criteria that compare values, not actions, are controls, with 5 seeds and fewer steps.",
         ),
         cpu_minutes=50,
     ),
