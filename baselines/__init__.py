@@ -2,7 +2,14 @@
 
 from baselines.bank_extractor import BankExtractor
 from baselines.c45 import C45
-from baselines.glimpse import GlimpseExtractor, GlimpseLogger, GlimpsePPO
+from baselines.glimpse import (
+    GlimpseExtractor,
+    GlimpseLogger,
+    GlimpsePPO,
+    SaliencyGlimpseDQN,
+    SaliencyGlimpseExtractor,
+    SaliencyGlimpsePPO,
+)
 from baselines.macs import count_macs
 from baselines.nature_cnn import NatureDQN, NatureExtractor, NaturePPO
 from baselines.nvt import NVT, learn_nvt
@@ -30,6 +37,9 @@ __all__ = [
     "ProtoObject",
     "RandomAgent",
     "Rival",
+    "SaliencyGlimpseDQN",
+    "SaliencyGlimpseExtractor",
+    "SaliencyGlimpsePPO",
     "TabularQ",
     "TemplateMatcher",
     "ThumbnailQ",

@@ -1,7 +1,16 @@
-"""The differentiable glimpse policy for SB3, and its controls."""
+"""The differentiable glimpse policies for SB3, and their controls."""
 
 from baselines.glimpse.extractor import GlimpseExtractor
 from baselines.glimpse.logger import GlimpseLogger
 from baselines.glimpse.ppo import GlimpsePPO
+from baselines.glimpse.saliency_extractor import SaliencyGlimpseExtractor
+from baselines.glimpse.saliency_ppo import SaliencyGlimpseDQN, SaliencyGlimpsePPO
 
-__all__ = ["GlimpseExtractor", "GlimpseLogger", "GlimpsePPO"]
+__all__ = [
+    "GlimpseExtractor",
+    "GlimpseLogger",
+    "GlimpsePPO",
+    "SaliencyGlimpseDQN",
+    "SaliencyGlimpseExtractor",
+    "SaliencyGlimpsePPO",
+]
