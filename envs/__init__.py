@@ -48,6 +48,7 @@ TABLE = {
     "SignNavigation-complex-KnownActions-v0": Task(KNOWN_ACTIONS, {"map": "complex"}, 50),
     "ObjectRecognition-v0": Task("envs.recognition:object_recognition", {}, 10),
     "DetailRecognition-v0": Task("envs.recognition:detail_recognition", {}, 10),
+    "CueGridworld-v0": Task("envs.cue_gridworld:cue_gridworld", {}, 100),
     **{f"Driving-{name}-v0": Task("envs.driving:driving", {"map": name}, 100) for name in "abcd"},
 }
 

@@ -256,7 +256,12 @@ class World:
         """The same dynamics behind other images (held-out views, say), with their symbols if any."""
         read = None if symbols is None else np.asarray(symbols)
         return replace(
-            self, views=np.asarray(views), n_views=np.asarray(n_views), images=images, symbols=read, targets=None
+            self,
+            views=np.asarray(views),
+            n_views=np.asarray(n_views),
+            images=images,
+            symbols=read,
+            targets=None,
         )
 
     def starting_in(self, states: Sequence[int] | np.ndarray) -> World:

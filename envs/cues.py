@@ -1,0 +1,227 @@
+"""Scenes in which a small symbol at a random place says everything, and all else nothing.
+
+Photographs that carpet a grid are told apart by a thumbnail and by a look at any place, so they cannot
+tell one way of looking from another. Here whoever does not look at the one place that matters is at
+chance. Ours; the thesis has no such scenes.
+
+A *symbol* is a square of 4 × 4 fields in two inks. Why its fields must be read, and not its blur:
+
+- Each quarter of every symbol has two fields in each ink: all symbols have the same mean colour, and so has
+  each quarter. Pixels as coarse as a quarter see one and the same dot, but for what their borders cut off.
+- The first 16 symbols differ in half of their fields or more, those after in 4 of 16; and however they are
+  turned in 4, so that descriptors which do not feel rotation can tell them apart as well.
+- View v of all symbols is the same image but for the symbol: same background, place and distractor.
+  Not even a view known by heart says which symbol it showed.
+
+The *salient* symbol is orange on greys. The *faint* one has the mean colour of what it covers, one ink a
+little darker and the other a little lighter. The *distractor*, larger than the symbol, is a disc in white,
+black and a vivid colour, drawn anew for every view; it means nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Literal, NamedTuple, get_args
+
+import cv2
+import numpy as np
+
+from envs.photographs import FILES, photograph_views
+from envs.photographs import _photograph as photograph
+
+Cue = Literal["salient", "faint"]
+Background = Literal["plain", "photograph", "clutter"]
+
+FIELDS = 4  # along a side of a symbol
+INKS = np.array([[116, 36, 18], [246, 182, 74]])  # of the salient symbol
+FAINT = 16  # grey levels by which the inks of the faint one leave the mean of what they cover
+WALL = 128.0  # mean grey of the plain background
+STAINS, STAIN, GRAIN = 14, 26.0, 2.5  # of the plain background: how many, and grey levels
+DISC = 1.8  # diameter of the distractor, in sides of a symbol
+RINGS = ((1.0, (255,) * 3), (0.7, (0,) * 3), (0.45, None))  # shares of its diameter; None is the vivid colour
+FINER = 4  # it is drawn at so many times the resolution
+
+
+class Views(NamedTuple):
+    """Images `(symbols, views, H, W, 3)` uint8, and what is where in each view, as x, y, width, height in
+    pixels: the symbol `(views, 4)` int64, and the distractor, 0 wide where there is none."""
+
+    images: np.ndarray
+    boxes: np.ndarray
+    distractors: np.ndarray
+
+
+@lru_cache(maxsize=1)
+def symbols() -> np.ndarray:
+    """All symbols, `(n, 4, 4)` uint8, 1 for the lighter ink, in a fixed order; the first 16 differ most."""
+    halves = [half for half in product((0, 1), repeat=4) if sum(half) == 2]
+    quarters = np.array(list(product(halves, repeat=4)), np.uint8).reshape(-1, 2, 2, 2, 2)
+    every = quarters.transpose(0, 1, 3, 2, 4).reshape(-1, FIELDS, FIELDS)
+    turned = np.stack([np.rot90(every, k, (1, 2)) for k in range(4)])
+    own = (turned[1:] != every).sum(axis=(2, 3)).min(axis=0)
+    chosen: list[int] = []
+    for least in (8, 6, 4):  # what comes first is taken, as long as it differs enough from all that were
+        for candidate in range(len(every)):
+            apart = (turned[:, candidate, None] != every[chosen]).sum(axis=(2, 3))
+            if own[candidate] >= 4 and (apart >= 4).all() and (apart[0] >= least).all():
+                chosen.append(candidate)
+    return every[chosen]
+
+
+@dataclass(frozen=True)
+class CueScenes:
+    """Views of symbols on a common background.
+
+    Args:
+        size: (width, height) of an image.
+        seed: of everything. A view depends on the arguments and its number alone, and its background and
+            the place of its symbol neither on `cue` nor on `distractor`.
+        cue: "salient" or "faint".
+        cue_size: side of a symbol, pixels.
+        distractor: whether there is one.
+        background: "plain", a grey wall with stains; "photograph", one place of a shipped photograph, seen
+            from somewhere else in every view; "clutter", a collage of pieces of all photographs.
+
+    Raises:
+        ValueError: an option is unknown, or the symbol too small to be drawn or too large for the image.
+    """
+
+    size: tuple[int, int] = (128, 128)
+    seed: int = 0
+    cue: Cue = "salient"
+    cue_size: int = 12
+    distractor: bool = False
+    background: Background = "plain"
+
+    def __post_init__(self) -> None:
+        for name, known in (("cue", get_args(Cue)), ("background", get_args(Background))):
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
+        if self.cue_size < 2 * FIELDS:
+            raise ValueError(
+                f"cue_size must be at least {2 * FIELDS} pixels, 2 for each field of a symbol, "
+                f"not {self.cue_size}"
+            )
+        times = 6 if self.distractor else 3
+        if min(self.size) < times * self.cue_size:
+            raise ValueError(
+                f"image_size must be at least {times} times cue_size, {times * self.cue_size} pixels a side"
+                f"{', with a distractor' if self.distractor else ''}; not {self.size[0]}×{self.size[1]}"
+            )
+
+    @cached_property
+    def _corners(self) -> np.ndarray:
+        """Places for a symbol in random order: each serves one view, so that no two views share one."""
+        return np.random.default_rng([self.seed, 20]).permutation(self._fitting(self.cue_size))
+
+    def _fitting(self, side: int) -> np.ndarray:
+        """`(P, 2)` int64, x and y of the upper left corner of every square that fits, not quite at the edge."""
+        edge = self.cue_size // 4
+        x, y = (np.arange(edge, length - side - edge + 1) for length in self.size)
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+    def views(self, first: int, count: int, chosen: np.ndarray) -> Views:
+        """`count` views from number `first` on, of each of these numbers of symbols.
+
+        Raises:
+            ValueError: more views than there are places in the image, or no such symbol.
+        """
+        if first + count > len(self._corners):
+            raise ValueError(
+                f"there are {len(self._corners)} places for a symbol, one for each view, not "
+                f"{first + count}: lower views or cue_size, or raise image_size"
+            )
+        if np.max(chosen) >= len(symbols()):
+            raise ValueError(f"there are {len(symbols())} symbols, not {np.max(chosen) + 1}")
+        faces = np.stack([_enlarged(symbols()[number], self.cue_size) for number in chosen])
+        images = np.empty((len(faces), count, self.size[1], self.size[0], 3), np.uint8)
+        boxes = np.full((count, 4), self.cue_size)
+        boxes[:, :2] = self._corners[first : first + count]
+        distractors = np.zeros((count, 4), np.int64)
+        for i, (ground, (x, y, w, h)) in enumerate(zip(self._grounds(first, count), boxes, strict=True)):
+            if self.distractor:
+                rng = np.random.default_rng([self.seed, 22, first + i])
+                distractors[i] = self._draw_disc(ground, boxes[i], rng)
+            images[:, i] = ground
+            images[:, i, y : y + h, x : x + w] = self._inked(faces, ground[y : y + h, x : x + w])
+        return Views(images, boxes, distractors)
+
+    def _inked(self, faces: np.ndarray, covered: np.ndarray) -> np.ndarray:
+        """`(n, s, s, 3)`: symbols, `(n, s, s)` in 0…1, in the inks that fit what they cover."""
+        inks = INKS
+        if self.cue == "faint":
+            mean = np.clip(np.rint(covered.mean(axis=(0, 1))), FAINT, 255 - FAINT)
+            inks = np.array([mean - FAINT, mean + FAINT])
+        share = faces[..., None]
+        return np.rint(inks[0] * (1 - share) + inks[1] * share).astype(np.uint8)
+
+    def _draw_disc(self, image: np.ndarray, box: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Paint a distractor somewhere clear of the symbol; its box."""
+        side = round(DISC * self.cue_size)
+        gap = self.cue_size // 2
+        grid = self._fitting(side)
+        low, high = box[:2] - side - gap, box[:2] + box[2:] + gap
+        clear = ((grid <= low) | (grid >= high)).any(axis=1)
+        x, y = rng.choice(grid[clear]).tolist()
+        hue = np.array([[[rng.integers(180), 255, 255]]], np.uint8)
+        vivid = cv2.cvtColor(hue, cv2.COLOR_HSV2RGB)[0, 0]
+        part = image[y : y + side, x : x + side]
+        fine = cv2.resize(part, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_NEAREST)
+        for share, paint in RINGS:
+            radius = round(share * side * FINER / 2) - 1
+            cv2.circle(fine, (side * FINER // 2,) * 2, radius, vivid.tolist() if paint is None else paint, -1)
+        part[:] = cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA)
+        return np.array([x, y, side, side])
+
+    # ---------------------------------------------------------------- backgrounds
+
+    def _grounds(self, first: int, count: int) -> np.ndarray:
+        """`(count, H, W, 3)` uint8."""
+        if self.background == "photograph":
+            return photograph_views(1, first + count, self.size, self.seed)[1][0][first:].copy()
+        draw = _wall if self.background == "plain" else _collage
+        rngs = (np.random.default_rng([self.seed, 21, view]) for view in range(first, first + count))
+        return np.stack([draw(self.size, self.cue_size, rng) for rng in rngs])
+
+
+def _enlarged(symbol: np.ndarray, side: int) -> np.ndarray:
+    """`(side, side)` float32: a symbol's fields averaged over pixels, where they do not fit exactly."""
+    fine = np.kron(symbol, np.ones((side, side))).astype(np.float32)
+    return cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA)
+
+
+def _wall(size: tuple[int, int], cue_size: int, rng: np.random.Generator) -> np.ndarray:
+    """A grey wall with soft light and dark stains as large as symbols, under uneven light, with grain."""
+    width, height = size
+    number = max(round(STAINS * width * height / (128 * 128) * (12 / cue_size) ** 2), 1)
+    spread = cue_size * rng.uniform(0.25, 0.6, number)
+    across = np.exp(-0.5 * ((np.arange(width) - width * rng.random((number, 1))) / spread[:, None]) ** 2)
+    down = np.exp(-0.5 * ((np.arange(height) - height * rng.random((number, 1))) / spread[:, None]) ** 2)
+    depth = STAIN * rng.uniform(0.6, 1.4, number) * rng.choice([-1, 1], number)
+    grey = WALL + down.T @ (depth[:, None] * across) + GRAIN * rng.standard_normal((height, width))
+    slope = rng.uniform(-12, 12, 2)
+    grey += slope[0] * np.linspace(-1, 1, width) + slope[1] * np.linspace(-1, 1, height)[:, None]
+    return np.repeat(np.rint(np.clip(grey, 0, 255)).astype(np.uint8)[:, :, None], 3, axis=2)
+
+
+def _collage(size: tuple[int, int], cue_size: int, rng: np.random.Generator) -> np.ndarray:
+    """Pieces of all photographs, 1 to 3 symbols wide, until nothing else is left to see."""
+    image = np.empty((size[1], size[0], 3), np.uint8)
+    step = max(round(1.5 * cue_size), 1)
+    spots = [(x, y) for y in range(0, size[1], step) for x in range(0, size[0], step)]
+    names = sorted(FILES)
+    for x, y in (spots[i] for i in rng.permutation(np.repeat(np.arange(len(spots)), 2))):
+        source = photograph(*FILES[names[rng.integers(len(names))]])
+        w, h = rng.integers(cue_size, 3 * cue_size + 1, 2).tolist()
+        u, v = int(rng.integers(source.shape[1] - w)), int(rng.integers(source.shape[0] - h))
+        x, y = x - w // 2 + int(rng.integers(step)), y - h // 2 + int(rng.integers(step))
+        x0, y0 = max(x, 0), max(y, 0)
+        part = image[y0 : max(y + h, 0), x0 : max(x + w, 0)]
+        if part.size:
+            part[:] = source[v + y0 - y :, u + x0 - x :][: part.shape[0], : part.shape[1]]
+    return image
+
+
+__all__ = ["Background", "Cue", "CueScenes", "Views", "symbols"]
