@@ -49,6 +49,7 @@ TABLE = {
     "ObjectRecognition-v0": Task("envs.recognition:object_recognition", {}, 10),
     "DetailRecognition-v0": Task("envs.recognition:detail_recognition", {}, 10),
     "CueGridworld-v0": Task("envs.cue_gridworld:cue_gridworld", {}, 100),
+    "ClutteredDigits-v0": Task("envs.digit_recognition:cluttered_digits", {}, 10),
     **{f"Driving-{name}-v0": Task("envs.driving:driving", {"map": name}, 100) for name in "abcd"},
 }
 

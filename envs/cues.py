@@ -117,7 +117,7 @@ class CueScenes:
         return np.random.default_rng([self.seed, 20]).permutation(self._fitting(self.cue_size))
 
     def _fitting(self, side: int) -> np.ndarray:
-        """`(P, 2)` int64, x and y of the upper left corner of every square that fits, not quite at the edge."""
+        """`(P, 2)` int64, x and y of the upper left corner of every square that fits, off the edge."""
         edge = self.cue_size // 4
         x, y = (np.arange(edge, length - side - edge + 1) for length in self.size)
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
