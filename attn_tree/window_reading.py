@@ -140,6 +140,10 @@ class WindowReading(Vocabulary):
         """The answers `(Q,)`; only for lasting percepts, whose windows are all worked out at once."""
         return (self.values(questions, [percept])[0] > self._levels_of(questions)).astype(int)
 
+    def answer_table(self, questions: Sequence[Any], percepts: Sequence[Retina]) -> np.ndarray:
+        """As `Vocabulary.answer_table`, of all lasting percepts at once."""
+        return (self.values(questions, percepts) > self._levels_of(questions)).astype(int)
+
     def shares(self, questions: Sequence[Any], percepts: Sequence[Retina]) -> np.ndarray:
         """How far the answers of lasting percepts are yes, `(P, Q)` float32 in [0, 1].
 
