@@ -207,20 +207,21 @@ def _wall(size: tuple[int, int], cue_size: int, rng: np.random.Generator) -> np.
 
 
 def _collage(size: tuple[int, int], cue_size: int, rng: np.random.Generator) -> np.ndarray:
-    """Pieces of all photographs, 1 to 3 symbols wide, until nothing else is left to see."""
-    image = np.empty((size[1], size[0], 3), np.uint8)
+    """Pieces of all photographs, 1 to 3 symbols wide, pasted over one another and over a whole one."""
+    names = sorted(FILES)
+    image = cv2.resize(photograph(*FILES[str(rng.choice(names))]), size, interpolation=cv2.INTER_AREA)
     step = max(round(1.5 * cue_size), 1)
     spots = [(x, y) for y in range(0, size[1], step) for x in range(0, size[0], step)]
-    names = sorted(FILES)
     for x, y in (spots[i] for i in rng.permutation(np.repeat(np.arange(len(spots)), 2))):
-        source = photograph(*FILES[names[rng.integers(len(names))]])
-        w, h = rng.integers(cue_size, 3 * cue_size + 1, 2).tolist()
-        u, v = int(rng.integers(source.shape[1] - w)), int(rng.integers(source.shape[0] - h))
-        x, y = x - w // 2 + int(rng.integers(step)), y - h // 2 + int(rng.integers(step))
-        x0, y0 = max(x, 0), max(y, 0)
-        part = image[y0 : max(y + h, 0), x0 : max(x + w, 0)]
+        source = photograph(*FILES[str(rng.choice(names))])
+        most = min(3 * cue_size, *source.shape[:2])
+        w, h = rng.integers(min(cue_size, most), most + 1, 2).tolist()
+        u, v = rng.integers(source.shape[1] - w + 1), rng.integers(source.shape[0] - h + 1)
+        left, top = x - w // 2 + int(rng.integers(step)), y - h // 2 + int(rng.integers(step))
+        x0, y0 = max(left, 0), max(top, 0)
+        part = image[y0 : max(top + h, 0), x0 : max(left + w, 0)]
         if part.size:
-            part[:] = source[v + y0 - y :, u + x0 - x :][: part.shape[0], : part.shape[1]]
+            part[:] = source[v + y0 - top :, u + x0 - left :][: part.shape[0], : part.shape[1]]
     return image
 
 
