@@ -9,6 +9,8 @@ maximum, where exactly by a mean that is differentiable in the logits.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import nn
 
@@ -16,54 +18,56 @@ INHIBITED = 1e4  # logits: more than any map spans
 
 
 class PlaceGrid(nn.Module):
-    """The centres of `rows` × `columns` cells that cover an image of `width` × `height` pixels, row by row.
+    """The centres of `side` × `side` cells that cover an image, row by row: P places.
 
     Args:
-        rows, columns: of the grid.
+        side: rows and columns of the grid.
         width, height: of the image, pixels.
+        spread: radius around the highest place over which a place is a mean, pixels; `inf` for all.
+        inhibited: radius around the highest place that inhibition of return covers, pixels.
     """
 
     centres: torch.Tensor
+    _beside: torch.Tensor
+    _is_beside: torch.Tensor
+    _around: torch.Tensor
 
-    def __init__(self, rows: int, columns: int, width: int, height: int) -> None:
+    def __init__(self, side: int, width: int, height: int, spread: float, inhibited: float) -> None:
         super().__init__()
-        self.size = rows, columns
-        y = (torch.arange(rows) + 0.5) * (height / rows)
-        x = (torch.arange(columns) + 0.5) * (width / columns)
-        grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1).reshape(-1, 2)
-        self.register_buffer("centres", grid, persistent=False)
+        self.side, self.spread = side, spread
+        middles = (torch.arange(side) + 0.5) / side
+        grid = torch.stack(torch.meshgrid(middles * width, middles * height, indexing="xy"), dim=-1)
+        centres = grid.reshape(-1, 2)
+        apart = torch.cdist(centres, centres)
+        # By place: the places within the spread, filled up with any others that are then left out.
+        near = apart <= spread
+        some = int(near.sum(dim=1).max()) if math.isfinite(spread) else 0
+        beside = near.int().topk(some, dim=1).indices
+        for name, table in {
+            "centres": centres,
+            "_beside": beside,
+            "_is_beside": near.gather(1, beside),
+            "_around": apart <= inhibited,
+        }.items():
+            self.register_buffer(name, table, persistent=False)
 
-    def near(self, places: torch.Tensor, radius: float) -> torch.Tensor:
-        """Which cells `(B, P)` bool have their centre within `radius` pixels of `places` `(B, 2)`."""
-        apart = self.centres[None] - places.detach()[:, None]
-        return apart.square().sum(dim=-1) <= radius**2
-
-    def soft_argmax(self, logits: torch.Tensor, radius: float) -> torch.Tensor:
-        """The mean place `(B, 2)` under the softmax of the logits within `radius` of their maximum.
+    def soft_argmax(self, logits: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Where to look, and what that was chosen for.
 
         Args:
             logits: `(B, P)`; among equal ones the first counts as highest.
-            radius: pixels; `inf` for the mean over the whole map.
+
+        Returns:
+            The mean place `(B, 2)` under the softmax of the logits within the spread of the highest, and
+            the number `(B,)` of the highest.
         """
-        if radius != float("inf"):
-            highest = self.centres[logits.detach().argmax(dim=1)]
-            logits = logits.masked_fill(~self.near(highest, radius), -torch.inf)
-        return logits.softmax(dim=1) @ self.centres
+        highest = logits.detach().argmax(dim=1)
+        if not math.isfinite(self.spread):
+            return logits.softmax(dim=1) @ self.centres, highest
+        beside = self._beside[highest]
+        near = logits.gather(1, beside).masked_fill(~self._is_beside[highest], -torch.inf)
+        return (near.softmax(dim=1)[:, :, None] * self.centres[beside]).sum(dim=1), highest
 
-
-class ReturnInhibition:
-    """Where one look after another has been: these places are not looked at again.
-
-    Args:
-        grid: of places.
-        radius: pixels around a place visited that are inhibited.
-        strength: logits; 0 lets the gaze return.
-    """
-
-    def __init__(self, grid: PlaceGrid, radius: float, strength: float = INHIBITED) -> None:
-        self._grid, self._radius, self._strength = grid, radius, strength
-
-    def after(self, before: torch.Tensor | None, places: torch.Tensor) -> torch.Tensor:
-        """What to add to the logits `(B, P)` once `places` `(B, 2)` have been visited as well."""
-        visit = self._grid.near(places, self._radius) * -self._strength
-        return visit if before is None else torch.minimum(before, visit)
+    def around(self, highest: torch.Tensor) -> torch.Tensor:
+        """Which places `(B, P)` bool inhibition of return covers once these `(B,)` have been looked at."""
+        return self._around[highest]

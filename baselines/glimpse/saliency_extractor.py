@@ -28,7 +28,7 @@ Everything here is deterministic, or PPO's probability ratios would be noise.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import gymnasium as gym
@@ -37,14 +37,17 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 from torch.nn import functional as F
 
-from attn_tree.vision.retina import TensorRetina
 from baselines.bank_extractor import channels_first, image_shape
-from baselines.glimpse.attention import INHIBITED, PlaceGrid, ReturnInhibition
+from baselines.glimpse.attention import INHIBITED, PlaceGrid
 from baselines.glimpse.conspicuity import GlanceSaliency
+from baselines.glimpse.eye import Eye
+from baselines.glimpse.halting import NEGLIGIBLE, Halting, with_cost
 from baselines.glimpse.places import fixed_places, hash_salt, hashed_places
 
 SaliencyPlaces = Literal["learned", "detached", "salient", "random", "fixed", "none"]
+Readout = Literal["last", "mean", "halting"]
 KEYS = 16  # d, the size of a key
+_TILE = 4  # side of the tiles that a window is first taken in by
 
 
 @dataclass
@@ -52,44 +55,68 @@ class Look:
     """What is known of a batch of images part of the way through looking at them.
 
     Attributes:
-        retina: on the images.
+        eye: on the images.
         state: `(B, hidden)`, of the GRU.
         places: `(B, 2)` each, in [-1, 1], of the windows so far.
         entropies: `(B,)` each, nats, of the softmax over the whole map that chose them.
     """
 
-    retina: TensorRetina
+    eye: Eye
     state: torch.Tensor
     given: torch.Tensor | None = None  # (B, K, 2), places known beforehand
-    keys: torch.Tensor | None = None  # (B, d, rows, columns)
+    keys: torch.Tensor | None = None  # (B, side, side, d)
     saliency: torch.Tensor | None = None  # (B, P)
-    visited: torch.Tensor | None = None  # (B, P), what inhibition of return adds
+    visited: torch.Tensor | None = None  # (B, P) bool
     places: list[torch.Tensor] = field(default_factory=list)
     entropies: list[torch.Tensor] = field(default_factory=list)
 
+    def at(self, members: torch.Tensor) -> Look:
+        """The same look at some of its images `(M,)` alone, to go on with."""
+
+        def of(values: torch.Tensor | None) -> torch.Tensor | None:
+            return None if values is None else values[members]
+
+        return replace(
+            self,
+            eye=self.eye.at(members),
+            state=self.state[members],
+            given=of(self.given),
+            keys=of(self.keys),
+            saliency=of(self.saliency),
+            visited=of(self.visited),
+            places=[each[members] for each in self.places],
+            entropies=[each[members] for each in self.entropies],
+        )
+
 
 class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
-    """A glance, then K windows where keys and saliency lead.
+    """A glance, then up to K windows where keys and saliency lead.
 
     Args:
-        observation_space: images, channels first or last, or what `BankExtractor` passes on.
+        observation_space: images, channels first or last.
         glimpses: K, the number of windows.
-        patch: values per side of a window.
+        patch: values per side of a window, a multiple of 4.
         glance: values per side of the coarse look, even (selection); the saliency map has as many.
         scales: native pixels per value of each window that is read at a place.
         places: how places are chosen, see the module.
         beta: β at the start, in logits for the most salient place of an image.
         learn_beta: whether it is learned (its logarithm is, so it stays positive).
-        inhibition: what a place visited loses, in logits; 0 lets the gaze return.
+        inhibition: what places already looked at lose, in logits, within half a window; 0 lets
+            the gaze return.
         spread: radius around the maximum over which the place is a mean, pixels; None for a
             quarter of a window, `inf` for the mean over the whole map.
+        readout: the features are the `last` state, the `mean` of the states after each glimpse, or
+            their mean under learned `halting`, which ends looking early.
+        ponder: weight in the loss of the expected number of glimpses, for `readout="halting"`.
         hidden: size of the state and of the features.
         place_seed: of the hash behind `places="random"`.
 
     Attributes:
-        last_places: `(B, K, 2)` in [-1, 1], (x, y), of the last batch; ±1 puts the
-            window at the border. None with `places="none"`.
-        last_entropies: `(B, K)` nats, of the softmax over the map; None where places are given.
+        last_places: `(B, K, 2)` in [-1, 1], (x, y), of the last batch; ±1 puts the window at the
+            border, NaN where none was read. None with `places="none"`.
+        last_counts: `(B,)`, windows places of the last batch.
+        last_entropies: `(B, K)` nats, of the softmax over the map, NaN likewise; None where
+            places are given.
 
     Raises:
         ValueError: an argument makes no sense for these images.
@@ -97,6 +124,8 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
 
     fixed: torch.Tensor
     salt: torch.Tensor
+    _positions: torch.Tensor
+    _upwards: torch.Tensor
 
     def __init__(
         self,
@@ -110,155 +139,224 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         learn_beta: bool = True,
         inhibition: float = INHIBITED,
         spread: float | None = None,
+        readout: Readout = "last",
+        ponder: float = 0.0,
         hidden: int = 128,
         place_seed: int = 0,
     ) -> None:
         self._shape = image_shape(observation_space)
         channels, height, width = self._shape
-        _check(places, glimpses, patch, glance, scales, beta, min(height, width))
+        side = min(height, width)
+        _check_choices(places, readout, beta, ponder)
+        _check_sizes(glimpses if places != "none" else 1, patch, glance, tuple(scales), side)
         super().__init__(observation_space, hidden)
         self.glimpses = 0 if places == "none" else glimpses
-        self.patch, self.glance, self.scales, self.places = patch, glance, tuple(scales), places
+        self.patch, self.glance, self.scales = patch, glance, tuple(scales)
+        self.places, self.readout, self.ponder = places, readout, ponder
         self.last_places: torch.Tensor | None = None
+        self.last_counts: torch.Tensor | None = None
         self.last_entropies: torch.Tensor | None = None
-        coarse = glance // 2
-        self.see_whole = nn.Sequential(nn.Flatten(), nn.Linear(channels * coarse**2, hidden), nn.Tanh())
+        self.map_saliency: GlanceSaliency | None = None
+        self.see_whole = nn.Sequential(
+            nn.Flatten(), nn.Linear(channels * (glance // 2) ** 2, hidden), nn.Tanh()
+        )
         if places == "none":
             return
-        self.see_patch = nn.Sequential(
-            nn.Conv2d(channels * len(self.scales), 16, kernel_size=4, stride=4),
-            nn.ReLU(),
-            nn.Flatten(),
-            nn.Linear(16 * (patch // 4) ** 2, hidden),
-        )
+        self.see_tile = nn.Linear(channels * len(self.scales) * _TILE**2, 16)
+        self.see_patch = nn.Linear(16 * (patch // _TILE) ** 2, hidden)
         self.see_place = nn.Linear(2, hidden)
         self.state = nn.GRUCell(hidden, hidden)
+        self.halting = Halting(hidden) if readout == "halting" else None
         if places == "fixed":
             self.register_buffer("fixed", fixed_places(glimpses))
-            return
-        if places == "random":
+        elif places == "random":
             self.register_buffer("salt", hash_salt(channels * glance**2, glimpses, place_seed))
-            return
-        self.grid = PlaceGrid(glance, glance, width, height)
-        self.spread = patch / 4 if spread is None else spread
-        self.inhibition = ReturnInhibition(self.grid, patch / 2, inhibition)
-        self.map_saliency = GlanceSaliency() if beta > 0 else None
+        else:
+            radius = patch / 4 if spread is None else spread
+            self.grid = PlaceGrid(glance, width, height, radius, patch / 2)
+            self.inhibition = inhibition
+            self._set_up_logits(channels, hidden, beta, learn_beta)
+
+    def _set_up_logits(self, channels: int, hidden: int, beta: float, learn_beta: bool) -> None:
         if beta > 0:
+            self.map_saliency = GlanceSaliency()
             self.log_beta = nn.Parameter(torch.tensor(math.log(beta)), requires_grad=learn_beta)
-        if places in ("learned", "detached"):
-            self.see_keys = nn.Sequential(
-                nn.Conv2d(channels + 2, 16, kernel_size=4, stride=2, padding=1),
-                nn.ReLU(),
-                nn.Conv2d(16, KEYS, kernel_size=3, padding=1),
-            )
+        if self.places != "salient":
+            self.key_tile = nn.Linear(channels * _TILE**2, KEYS)
+            self.key_place = nn.Linear(2, KEYS)
+            self.key = nn.Linear(KEYS, KEYS)
             self.query = nn.Linear(hidden, KEYS)
+            side = self.glance // 2
+            steps = torch.linspace(-1, 1, side)
+            positions = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), dim=-1)
+            self.register_buffer("_positions", positions, persistent=False)
+            upwards = F.interpolate(torch.eye(side)[None], self.glance, mode="linear")[0]
+            self.register_buffer("_upwards", upwards, persistent=False)
 
     @property
-    def beta(self) -> torch.Tensor:
+    def beta(self) -> float:
         """β, the weight of saliency; 0 where there is none."""
-        return self.log_beta.exp() if hasattr(self, "log_beta") else torch.zeros(())
+        return float(self.log_beta.detach().exp()) if hasattr(self, "log_beta") else 0.0
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(B, hidden)` of images in [0, 1]."""
-        look = self.begin(observations)
-        for k in range(self.glimpses):
-            self.look_again(look, k)
-        if look.places:
-            self.last_places = torch.stack(look.places, dim=1)
-        if look.entropies:
-            self.last_entropies = torch.stack(look.entropies, dim=1)
-        return look.state
+        features, cost = self.encode(Eye(channels_first(observations, self._shape)))
+        return with_cost(features, cost, self.ponder)
 
-    def begin(self, observations: torch.Tensor) -> Look:
+    def encode(self, eye: Eye) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """Features `(B, hidden)`, and the expected number of glimpses `(B,)` where halting is learned."""
+        look = self.begin(eye)
+        if self.readout == "halting" and self.glimpses:
+            return self._until_enough(look)
+        states = [look.state]
+        for _ in range(self.glimpses):
+            self.look_again(look)
+            states.append(look.state)
+        self._remember(look, torch.full((len(eye),), self.glimpses))
+        return self.read_out(states), None
+
+    def read_out(self, states: list[torch.Tensor]) -> torch.Tensor:
+        """Features `(B, hidden)` from the states after 0, 1, … glimpses, without halting."""
+        if self.readout == "last" or len(states) == 1:
+            return states[-1]
+        return torch.stack(states[1:]).mean(dim=0)
+
+    def _until_enough(self, look: Look) -> tuple[torch.Tensor, torch.Tensor]:
+        """Look on at each image until its halting distribution is (nearly) used up."""
+        assert self.halting is not None
+        features, cost = torch.zeros_like(look.state), look.state.new_zeros(len(look.state))
+        going, left = torch.arange(len(look.state)), look.state.new_ones(len(look.state))
+        ended: list[tuple[torch.Tensor, Look]] = []
+        for k in range(self.glimpses + 1):
+            share = left * self.halting(look.state)
+            last = (left - share).detach() <= NEGLIGIBLE if k < self.glimpses else torch.ones_like(left) > 0
+            share = torch.where(last, left, share)
+            features = features.index_add(0, going, share[:, None] * look.state)
+            cost = cost.index_add(0, going, k * share)
+            if last.any():
+                done, on = last.nonzero()[:, 0], (~last).nonzero()[:, 0]
+                ended.append((going[done], look.at(done)))
+                look, going, left, share = look.at(on), going[on], left[on], share[on]
+            if not len(going):
+                break
+            left = left - share
+            self.look_again(look)
+        self._remember_parts(ended, len(features))
+        return features, cost
+
+    def begin(self, eye: Eye) -> Look:
         """The glance, and what follows from it."""
-        retina = TensorRetina(channels_first(observations, self._shape))
-        glance = retina.glance(self.glance)
-        look = Look(retina, self.see_whole(F.avg_pool2d(glance, 2) - 0.5))
+        glance, saliency = eye.survey(self.glance, self.map_saliency)
+        look = Look(eye, self.see_whole(F.avg_pool2d(glance, 2) - 0.5))
         if self.places == "fixed":
-            look.given = self.fixed.expand(len(retina), -1, -1)
+            look.given = self.fixed.expand(len(eye), -1, -1)
         elif self.places == "random":
             look.given = hashed_places(glance, self.salt)
         elif self.places != "none":
-            if self.map_saliency is not None:
-                look.saliency = self.map_saliency(glance, retina.ledgers).flatten(1)
+            look.saliency = None if saliency is None else saliency.flatten(1)
             if self.places != "salient":
-                look.keys = self.see_keys(_with_positions(glance - 0.5))
+                look.keys = self._keys(glance - 0.5)
         return look
 
-    def look_again(self, look: Look, k: int) -> None:
-        """Choose the place of window k, read it, and take it in."""
+    def look_again(self, look: Look) -> None:
+        """Choose the place of the next window, read it, and take it in."""
+        k = len(look.places)
         place = self._locate(look) if look.given is None else look.given[:, k]
-        windows = [
-            look.retina.window(self._rescaled(place, scale), self.patch, scale=scale) for scale in self.scales
-        ]
-        seen = self.see_patch(torch.cat(windows, dim=1) - 0.5)
-        look.state = self.state(torch.relu(seen + self.see_place(place)), look.state)
+        windows = [look.eye.window(self._rescaled(place, s), self.patch, scale=s) for s in self.scales]
+        seen = torch.cat(windows, dim=1) - 0.5
+        batch, channels, side = len(seen), seen.shape[1], self.patch // _TILE
+        # The tiles of a window side by side in the last axis: a convolution without overlap.
+        tiles = seen.view(batch, channels, side, _TILE, side, _TILE).permute(0, 2, 4, 1, 3, 5)
+        what = self.see_patch(torch.relu(self.see_tile(tiles.reshape(batch, side**2, -1))).flatten(1))
+        look.state = self.state(torch.relu(what + self.see_place(place)), look.state)
         look.places.append(place.detach())
 
-    def _locate(self, look: Look) -> torch.Tensor:
-        """The next place `(B, 2)`, and what it does to the places after it."""
-        logits = self._logits(look)
-        if self.places == "detached":
-            logits = logits.detach()
-        if look.visited is not None:
-            logits = logits + look.visited
-        look.entropies.append(torch.distributions.Categorical(logits=logits.detach()).entropy())
-        centres = self.grid.soft_argmax(logits, self.spread)
-        look.visited = self.inhibition.after(look.visited, centres)
-        _, height, width = self._shape
-        # Pixels as a share of the way to the border; a window at the border shows what lies beyond its centre.
-        sides = centres.new_tensor([width, height])
-        return _bounded((2 * centres / sides - 1) / self._reach(1, centres).clamp(min=1e-6))
+    def _keys(self, glance: torch.Tensor) -> torch.Tensor:
+        """Keys `(B, side, side, d)` of places half as far apart as the glance's, from 4 × 4 of its values."""
+        tiles = F.pad(glance, (1, 1, 1, 1)).unfold(2, _TILE, 2).unfold(3, _TILE, 2).permute(0, 2, 3, 1, 4, 5)
+        keys: torch.Tensor = self.key(
+            torch.relu(self.key_tile(tiles.flatten(3)) + self.key_place(self._positions))
+        )
+        return keys
 
-    def _logits(self, look: Look) -> torch.Tensor:
-        """q · k / √d + β · saliency, `(B, P)`."""
-        logits = torch.zeros(len(look.state), math.prod(self.grid.size))
+    def logits(self, look: Look) -> torch.Tensor:
+        """q · k / √d + β · saliency − inhibition of return, `(B, P)`."""
+        parts = []
         if look.keys is not None:
             query = self.query(look.state) / math.sqrt(KEYS)
-            match = torch.einsum("bd,bdyx->byx", query, look.keys)[:, None]
-            logits = F.interpolate(match, self.grid.size, mode="bilinear").flatten(1)
+            match = torch.einsum("bd,byxd->byx", query, look.keys)
+            parts.append((self._upwards.T @ match @ self._upwards).flatten(1))
         if look.saliency is not None:
-            logits = logits + self.beta * look.saliency
-        return logits
+            parts.append(self.log_beta.exp() * look.saliency)
+        logits = parts[0] if len(parts) == 1 else parts[0] + parts[1]
+        if self.places == "detached":
+            logits = logits.detach()
+        return logits if look.visited is None else logits - self.inhibition * look.visited
 
-    def _reach(self, scale: int, like: torch.Tensor) -> torch.Tensor:
+    def _locate(self, look: Look) -> torch.Tensor:
+        """The next place `(B, 2)` in [-1, 1]; from then on it counts as visited."""
+        logits = self.logits(look)
+        if not torch.is_grad_enabled():
+            chances = logits.softmax(dim=1)
+            look.entropies.append(torch.special.entr(chances).sum(dim=1))
+        centres, highest = self.grid.soft_argmax(logits)
+        around = self.grid.around(highest)
+        look.visited = around if look.visited is None else look.visited | around
+        sides = centres.new_tensor([self._shape[2], self._shape[1]])
+        return _bounded((2 * centres / sides - 1) / self._reach(1))
+
+    def _reach(self, scale: int) -> torch.Tensor:
         """How far from the middle `(2,)` centres of windows may lie, shares of half the width and height."""
-        _, height, width = self._shape
-        sides = like.new_tensor([width, height])
-        return (1 - self.patch * scale / sides).clamp(min=0)
+        return 1 - self.patch * scale / torch.tensor([self._shape[2], self._shape[1]])
 
     def _rescaled(self, place: torch.Tensor, scale: int) -> torch.Tensor:
         """The place of a window of another scale around the same centre, as far as the border lets it."""
-        if scale == 1:
-            return place
-        centre = place * self._reach(1, place)
-        return _bounded(centre / self._reach(scale, place).clamp(min=1e-6))
+        return place if scale == 1 else _bounded(place * self._reach(1) / self._reach(scale))
+
+    def _remember(self, look: Look, counts: torch.Tensor) -> None:
+        self.last_counts = counts
+        self.last_places = torch.stack(look.places, dim=1) if look.places else None
+        self.last_entropies = torch.stack(look.entropies, dim=1) if look.entropies else None
+
+    def _remember_parts(self, parts: list[tuple[torch.Tensor, Look]], batch: int) -> None:
+        """As `_remember`, of looks that ended at different times, with the images they were at."""
+        places = torch.full((batch, self.glimpses, 2), torch.nan)
+        entropies = torch.full((batch, self.glimpses), torch.nan)
+        counts = torch.zeros(batch, dtype=torch.long)
+        for rows, look in parts:
+            counts[rows] = len(look.places)
+            if look.places:
+                places[rows, : len(look.places)] = torch.stack(look.places, dim=1)
+            if look.entropies:
+                entropies[rows, : len(look.entropies)] = torch.stack(look.entropies, dim=1)
+        self.last_counts, self.last_places, self.last_entropies = counts, places, entropies
 
 
 def _bounded(place: torch.Tensor) -> torch.Tensor:
     return place.clamp(-1, 1)
 
 
-def _with_positions(glance: torch.Tensor) -> torch.Tensor:
-    """The glance with two more channels, x and y in [-1, 1]."""
-    batch, _, rows, columns = glance.shape
-    y, x = torch.meshgrid(torch.linspace(-1, 1, rows), torch.linspace(-1, 1, columns), indexing="ij")
-    return torch.cat([glance, torch.stack([x, y]).to(glance).expand(batch, -1, -1, -1)], dim=1)
+def _check_choices(places: str, readout: str, beta: float, ponder: float) -> None:
+    """Refuse what there is not."""
+    for name, value, choices in (("places", places, SaliencyPlaces), ("readout", readout, Readout)):
+        if value not in get_args(choices):
+            raise ValueError(f"{name} must be one of {', '.join(get_args(choices))}, not {value!r}")
+    if beta < 0 or (places == "salient" and beta == 0):
+        raise ValueError(f"beta is {beta}; expected a number above 0, or 0 for keys alone")
+    if ponder < 0 or (ponder > 0 and readout != "halting"):
+        raise ValueError(f"ponder is {ponder}; expected 0, or a number above 0 with readout='halting'")
 
 
-def _check(
-    places: str, glimpses: int, patch: int, glance: int, scales: tuple[int, ...], beta: float, side: int
-) -> None:
-    """Refuse what no image of `side` pixels can meet."""
-    if places not in get_args(SaliencyPlaces):
-        raise ValueError(f"places must be one of {', '.join(get_args(SaliencyPlaces))}, not {places!r}")
-    if places != "none" and not (glimpses >= 1 and 8 <= patch <= side):
+def _check_sizes(glimpses: int, patch: int, glance: int, scales: tuple[int, ...], side: int) -> None:
+    """Refuse what images with a shorter side of `side` pixels cannot meet."""
+    if glimpses < 1:
+        raise ValueError(f"glimpses is {glimpses}; expected at least 1, or places='none'")
+    if not scales or min(scales) < 1 or any(scale != int(scale) for scale in scales):
+        raise ValueError(f"scales are whole numbers of pixels per value, at least one, not {scales}")
+    if patch < 8 or patch % _TILE or patch * max(scales) >= side:
         raise ValueError(
-            f"need at least 1 glimpse with a patch of 8 to {side} pixels, not {glimpses} of {patch}"
+            f"a window takes a multiple of {_TILE} values a side, from 8, and covers less than the image's "
+            f"{side} pixels at each of its scales {scales}; patch is {patch}"
         )
     if glance % 2 or not 2 <= glance <= side:
         raise ValueError(f"a glance takes an even number of values a side, 2 to {side}, not {glance}")
-    if not scales or min(scales) < 1:
-        raise ValueError(f"scales are native pixels per value, at least one of at least 1, not {scales}")
-    if beta < 0 or (places == "salient" and beta == 0):
-        raise ValueError(f"beta is {beta}; expected a number above 0, or 0 for keys alone")

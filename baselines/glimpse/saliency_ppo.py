@@ -7,8 +7,8 @@ from typing import Any
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.type_aliases import GymEnv
 
-from baselines.bank_extractor import image_kwargs, open_env
-from baselines.glimpse.saliency_extractor import SaliencyGlimpseExtractor
+from baselines.bank_extractor import open_env
+from baselines.glimpse.bank import glimpse_kwargs
 from baselines.settings import dqn_settings, ppo_settings
 
 # Arguments of the network, which `**kwargs` may hold beside those of the learner.
@@ -22,6 +22,8 @@ _OF_NETWORK = (
     "learn_beta",
     "inhibition",
     "spread",
+    "readout",
+    "ponder",
     "hidden",
 )
 
@@ -52,4 +54,4 @@ def _network(env: GymEnv, seed: int | None, kwargs: dict[str, Any]) -> dict[str,
     """`policy_kwargs`; takes the network's arguments out of `kwargs`."""
     given = {name: kwargs.pop(name) for name in _OF_NETWORK if name in kwargs}
     extractor = {"place_seed": seed or 0, **given}
-    return {"net_arch": [], **image_kwargs(env, SaliencyGlimpseExtractor, extractor)}
+    return {"net_arch": [], **glimpse_kwargs(env, extractor)}
