@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Literal
 
+from runs.accepted import checked
+
 Family = Literal["tree", "network", "control"]
 Mode = Literal["index", "pixels", "symbols", "state"]
 
@@ -45,7 +47,8 @@ def _constructor(path: str) -> Callable[..., Any]:
     module, _, name = path.partition(":")
 
     def build(env: Any, seed: int, **settings: Any) -> Any:
-        return getattr(import_module(module), name)(env, seed=seed, **settings)
+        target = getattr(import_module(module), name)
+        return target(env, seed=seed, **checked(target, settings))
 
     return build
 

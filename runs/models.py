@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
+from runs.cli import UserMistake
 from runs.methods import METHODS
 
 FORMAT = "attn_tree model 1"
@@ -70,7 +71,7 @@ def load(path: Path, env: Any) -> Any:
         return _restore(model, meta["model"], arrays, env)
     except ArchiveError as error:
         raise ArchiveError(f"{path}: {_first_line(error)}") from None
-    except (ValueError, TypeError, KeyError, RuntimeError, AttributeError, IndexError) as error:
+    except (UserMistake, ValueError, TypeError, KeyError, RuntimeError, AttributeError, IndexError) as error:
         raise ArchiveError(
             f"{path}: its {origin.method} does not fit this environment or is damaged ({_first_line(error)})"
         ) from None

@@ -131,6 +131,12 @@ def test_watch_writes_videos(model: Path, run: Run, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "a.mp4"]
 
 
+def test_a_setting_misspelt_is_answered_with_the_nearest(run: Run, tmp_path: Path) -> None:
+    for method, given, right in (("STree", "codeword=3", "codewords"), ("NaturePPO", "n_step=8", "n_steps")):
+        status, _, err = run(train, method, "--env", WORLD, "--set", given, "--out", tmp_path)
+        assert status == 2 and f"did you mean '{right}'?" in err and err.count("\n") == 1
+
+
 def test_damaged_and_hostile_models(model: Path, run: Run, tmp_path: Path) -> None:
     meta, arrays = read_archive(model)
     whole = model.read_bytes()
