@@ -34,10 +34,10 @@ def cue_gridworld(
 
     ## Description
     The agent walks a grid with obstacles and must reach the goal, as in `VisualGridworld-4x4-v0`. All
-    cells have the same background, new in every view; what names a cell is a small symbol of 4 × 4 fields,
-    at a random place of the image. View v of all cells is the same image but for the symbol, and all symbols
-    have the same mean colour, so that neither the background nor a thumbnail tells cells apart: see
-    `envs.cues`. `World.targets` says where the symbol is, for scoring. Registered as `CueGridworld-v0`.
+    cells have the same background, new in every view; what names a cell is a small symbol of 2 × 2 gratings
+    at a random place of the image. View v of all cells is the same image but for the symbol, and all
+    symbols have the same mean colour, so that neither the background nor a thumbnail tells cells apart:
+    see `envs.cues`. `World.targets` says where the symbol is, for scoring. Registered as `CueGridworld-v0`.
 
     ## Observation Space
     `Box(0, 255, (H, W, 3), uint8)`, or with `obs="index"` `Discrete(N)`, the index in
@@ -61,7 +61,7 @@ def cue_gridworld(
         map: ASCII, `#` obstacle, `G` goal, `.` or `S` free; one symbol for every free cell but the goal.
         rewards: "chapter8" or "chapter7".
         cue: "salient", an orange symbol; or "faint", in the mean colour of what it covers.
-        cue_size: side of the symbol in pixels, at least 8.
+        cue_size: side of the symbol in pixels, even, at least 8.
         distractor: whether a vivid disc, larger than the symbol, is somewhere else in the image. It means
             nothing: it is the same for all cells.
         background: "plain" (a grey wall with stains), "photograph" or "clutter" (a collage of photographs).
@@ -79,12 +79,15 @@ def cue_gridworld(
     if views < 1 or heldout_views < 0:
         raise ValueError(f"views must be at least 1 and heldout_views 0, not {views} and {heldout_views}")
     dynamics = grid_world(map, REWARDS[rewards])
-    cells, there = dynamics.n_states - 1, len(symbols())
-    if cells > there:
-        raise ValueError(f"map: {cells} free cells besides the goal, but only {there} symbols to name them")
+    cells = dynamics.n_states - 1
+    try:
+        known = symbols(cells)
+    except ValueError as error:
+        raise ValueError(
+            f"map: {cells} free cells besides the goal need a symbol each, but {error}"
+        ) from None
     scenes = CueScenes(pixels(image_size), bank_seed, cue, cue_size, distractor, background)
-    # Small grids share the symbols that differ most.
-    names = np.random.default_rng([bank_seed, 23]).permutation(max(cells, min(16, there)))[:cells]
+    names = known[np.random.default_rng([bank_seed, 23]).permutation(len(known))[:cells]]
 
     def world(first: int, count: int) -> World:
         shown = scenes.views(first, count, names)

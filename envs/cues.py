@@ -4,18 +4,19 @@ Photographs that carpet a grid are told apart by a thumbnail and by a look at an
 tell one way of looking from another. Here whoever does not look at the one place that matters is at
 chance. Ours; the thesis has no such scenes.
 
-A *symbol* is a square of 4 × 4 fields in two inks. Why its fields must be read, and not its blur:
+A *symbol* is a square of 2 × 2 gratings, each in one of four orientations, from dark to light ink. Why its
+lines must be seen, and not its blur:
 
-- Each quarter of every symbol has two fields in each ink: all symbols have the same mean colour, and so has
-  each quarter. Pixels as coarse as a quarter see one and the same dot, but for what their borders cut off.
-- The first 16 symbols differ in half of their fields or more, those after in 4 of 16; and however they are
-  turned in 4, so that descriptors which do not feel rotation can tell them apart as well.
+- The mean colour of each of its quarters is that of all quarters of all symbols, and so is the contrast.
+  Pixels as coarse as a quarter see one and the same dot, but for what their borders cut off.
+- Up to 16 symbols differ in three of four quarters or more, and in two when one of them is turned, so that
+  descriptors which do not feel rotation can tell them apart as well.
 - View v of all symbols is the same image but for the symbol: same background, place and distractor.
   Not even a view known by heart says which symbol it showed.
 
-The *salient* symbol is orange on greys. The *faint* one has the mean colour of what it covers, one ink a
-little darker and the other a little lighter. The *distractor*, larger than the symbol, is a disc in white,
-black and a vivid colour, drawn anew for every view; it means nothing.
+The *salient* symbol is orange on greys. The *faint* one has the mean colour of what it covers, and inks only
+a little darker and lighter. The *distractor*, larger than the symbol, is a disc in white, black and a vivid
+colour, drawn anew for every view; it means nothing.
 """
 
 from __future__ import annotations
@@ -34,9 +35,11 @@ from envs.photographs import _photograph as photograph
 Cue = Literal["salient", "faint"]
 Background = Literal["plain", "photograph", "clutter"]
 
-FIELDS = 4  # along a side of a symbol
-INKS = np.array([[116, 36, 18], [246, 182, 74]])  # of the salient symbol
-FAINT = 16  # grey levels by which the inks of the faint one leave the mean of what they cover
+PERIODS = 1.5  # of a grating in a quarter
+# Directions across the lines of a grating: upright, lying, and the two between. A turn swaps 0, 1 and 2, 3.
+WAVES = np.array([[1, 0], [0, 1], [0.5**0.5, 0.5**0.5], [0.5**0.5, -(0.5**0.5)]])
+INKS = np.array([[116, 18, 12], [255, 186, 58]])  # of the salient symbol
+FAINT = 20  # grey levels by which the inks of the faint one leave the mean of what they cover
 WALL = 128.0  # mean grey of the plain background
 STAINS, STAIN, GRAIN = 14, 26.0, 2.5  # of the plain background: how many, and grey levels
 DISC = 1.8  # diameter of the distractor, in sides of a symbol
@@ -53,21 +56,41 @@ class Views(NamedTuple):
     distractors: np.ndarray
 
 
+# A Reed-Solomon code: of their four quarters, no two words share more than one.
+CODE = "0230 0022 0111 0303 2223 2031 2102 2310 1212 1000 1133 1321 3201 3013 3120 3332"
+
+
+def symbols(count: int) -> np.ndarray:
+    """A set of symbols to choose `count` from, `(n, 2, 2)`: which of the `WAVES` fills each quarter.
+
+    Up to 16 come from a set of 16 that differ in three quarters or more, and in two when one of them is
+    turned; more of them from a set of 49 that differ in two, and in one.
+
+    Raises:
+        ValueError: there are not so many.
+    """
+    found = _code() if count <= len(CODE.split()) else _more()
+    if count > len(found):
+        raise ValueError(f"there are {len(found)} symbols, not {count}")
+    return found
+
+
+def _code() -> np.ndarray:
+    return np.array([[int(wave) for wave in word] for word in CODE.split()]).reshape(-1, 2, 2)
+
+
 @lru_cache(maxsize=1)
-def symbols() -> np.ndarray:
-    """All symbols, `(n, 4, 4)` uint8, 1 for the lighter ink, in a fixed order; the first 16 differ most."""
-    halves = [half for half in product((0, 1), repeat=4) if sum(half) == 2]
-    quarters = np.array(list(product(halves, repeat=4)), np.uint8).reshape(-1, 2, 2, 2, 2)
-    every = quarters.transpose(0, 1, 3, 2, 4).reshape(-1, FIELDS, FIELDS)
-    turned = np.stack([np.rot90(every, k, (1, 2)) for k in range(4)])
-    own = (turned[1:] != every).sum(axis=(2, 3)).min(axis=0)
-    chosen: list[int] = []
-    for least in (8, 6, 4):  # what comes first is taken, as long as it differs enough from all that were
-        for candidate in range(len(every)):
-            apart = (turned[:, candidate, None] != every[chosen]).sum(axis=(2, 3))
-            if own[candidate] >= 4 and (apart >= 4).all() and (apart[0] >= least).all():
-                chosen.append(candidate)
-    return every[chosen]
+def _more() -> np.ndarray:
+    """Words in their order, each taken if it differs enough from itself turned and from all taken before."""
+    chosen = np.empty((0, 2, 2), np.int64)
+    for word in product(range(len(WAVES)), repeat=4):
+        symbol = np.array(word).reshape(1, 2, 2)
+        turned = np.concatenate([np.rot90(symbol ^ k % 2, k, (1, 2)) for k in range(4)])
+        apart = (turned[:, None] != chosen).sum(axis=(2, 3))
+        if (turned[1:] != symbol).any(axis=(1, 2)).all() and apart.all() and (apart[0] >= 2).all():
+            chosen = np.concatenate([chosen, symbol])
+    chosen.flags.writeable = False
+    return chosen
 
 
 @dataclass(frozen=True)
@@ -99,11 +122,8 @@ class CueScenes:
         for name, known in (("cue", get_args(Cue)), ("background", get_args(Background))):
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, not {getattr(self, name)!r}")
-        if self.cue_size < 2 * FIELDS:
-            raise ValueError(
-                f"cue_size must be at least {2 * FIELDS} pixels, 2 for each field of a symbol, "
-                f"not {self.cue_size}"
-            )
+        if self.cue_size < 8 or self.cue_size % 2:
+            raise ValueError(f"cue_size must be an even number of pixels, at least 8, not {self.cue_size}")
         times = 6 if self.distractor else 3
         if min(self.size) < times * self.cue_size:
             raise ValueError(
@@ -123,19 +143,17 @@ class CueScenes:
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     def views(self, first: int, count: int, chosen: np.ndarray) -> Views:
-        """`count` views from number `first` on, of each of these numbers of symbols.
+        """`count` views from number `first` on, of each of `chosen`, `(n, 2, 2)`, some of `symbols`.
 
         Raises:
-            ValueError: more views than there are places in the image, or no such symbol.
+            ValueError: more views than there are places in the image.
         """
         if first + count > len(self._corners):
             raise ValueError(
                 f"there are {len(self._corners)} places for a symbol, one for each view, not "
                 f"{first + count}: lower views or cue_size, or raise image_size"
             )
-        if np.max(chosen) >= len(symbols()):
-            raise ValueError(f"there are {len(symbols())} symbols, not {np.max(chosen) + 1}")
-        faces = np.stack([_enlarged(symbols()[number], self.cue_size) for number in chosen])
+        faces = _faces(chosen, self.cue_size)
         images = np.empty((len(faces), count, self.size[1], self.size[0], 3), np.uint8)
         boxes = np.full((count, 4), self.cue_size)
         boxes[:, :2] = self._corners[first : first + count]
@@ -149,13 +167,12 @@ class CueScenes:
         return Views(images, boxes, distractors)
 
     def _inked(self, faces: np.ndarray, covered: np.ndarray) -> np.ndarray:
-        """`(n, s, s, 3)`: symbols, `(n, s, s)` in 0…1, in the inks that fit what they cover."""
+        """`(n, s, s, 3)`: symbols, `(n, s, s)` in -1…1, in the inks that fit what they cover."""
         inks = INKS
         if self.cue == "faint":
             mean = np.clip(np.rint(covered.mean(axis=(0, 1))), FAINT, 255 - FAINT)
             inks = np.array([mean - FAINT, mean + FAINT])
-        share = faces[..., None]
-        return np.rint(inks[0] * (1 - share) + inks[1] * share).astype(np.uint8)
+        return np.rint(inks.mean(axis=0) + np.ptp(inks, axis=0) / 2 * faces[..., None]).astype(np.uint8)
 
     def _draw_disc(self, image: np.ndarray, box: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Paint a distractor somewhere clear of the symbol; its box."""
@@ -186,10 +203,14 @@ class CueScenes:
         return np.stack([draw(self.size, self.cue_size, rng) for rng in rngs])
 
 
-def _enlarged(symbol: np.ndarray, side: int) -> np.ndarray:
-    """`(side, side)` float32: a symbol's fields averaged over pixels, where they do not fit exactly."""
-    fine = np.kron(symbol, np.ones((side, side))).astype(np.float32)
-    return cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA)
+def _faces(chosen: np.ndarray, side: int) -> np.ndarray:
+    """`(n, side, side)` float64, -1 dark to 1 light: these symbols drawn."""
+    along = (np.arange(side // 2) - (side // 2 - 1) / 2) * (2 * PERIODS / side)
+    place = np.stack(np.meshgrid(along, along), axis=-1)
+    waves = np.sin(2 * np.pi * place @ WAVES.T).transpose(2, 0, 1)  # odd about the middle: their mean is 0
+    waves /= np.sqrt((waves**2).mean(axis=(1, 2), keepdims=True))
+    tiles = (waves / np.abs(waves).max())[chosen]
+    return tiles.transpose(0, 1, 3, 2, 4).reshape(-1, side, side)
 
 
 def _wall(size: tuple[int, int], cue_size: int, rng: np.random.Generator) -> np.ndarray:
