@@ -9,20 +9,21 @@ from typing import Any
 from runs.cli import known
 
 # What a builder gives itself, or a class to its base.
-_GIVEN = ("self", "env", "seed", "policy", "vocabulary")
+_GIVEN = ("env", "seed", "policy", "vocabulary", "observation_space", "place_seed")
 
 
-def checked(target: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+def checked(target: Callable[..., Any], settings: Mapping[str, Any], *others: type) -> dict[str, Any]:
     """The settings of a learner, named as it names them.
 
     Args:
         target: a class of learners, or a constructor that returns one.
         settings: by name.
+        *others: classes that the constructor passes settings on to.
 
     Raises:
         UserMistake: there is no such setting; the nearest is suggested.
     """
-    names = setting_names(target)
+    names = [name for each in (*others, target) for name in setting_names(each)]
     return {known(f"setting of {target.__name__}", name, names): value for name, value in settings.items()}
 
 

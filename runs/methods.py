@@ -42,15 +42,22 @@ class Method:
     note: str = ""
 
 
-def _constructor(path: str) -> Callable[..., Any]:
-    """What builds a method: the constructor `module:Class`, imported when it is called."""
-    module, _, name = path.partition(":")
+def _constructor(path: str, *others: str) -> Callable[..., Any]:
+    """What builds a method: the constructor `module:Class`, imported when it is called.
+
+    Settings are its own, or those of `others` that it passes them on to.
+    """
 
     def build(env: Any, seed: int, **settings: Any) -> Any:
-        target = getattr(import_module(module), name)
-        return target(env, seed=seed, **checked(target, settings))
+        target, *known = (_imported(each) for each in (path, *others))
+        return target(env, seed=seed, **checked(target, settings, *known))
 
     return build
+
+
+def _imported(path: str) -> Any:
+    module, _, name = path.partition(":")
+    return getattr(import_module(module), name)
 
 
 def _random(env: Any, seed: int, **settings: Any) -> Any:
