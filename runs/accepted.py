@@ -23,7 +23,8 @@ def checked(target: Callable[..., Any], settings: Mapping[str, Any], *others: ty
     Raises:
         UserMistake: there is no such setting; the nearest is suggested.
     """
-    names = [name for each in (*others, target) for name in setting_names(each)]
+    told: list[Any] = [*others, target]
+    names = [name for each in told for name in setting_names(each)]
     return {known(f"setting of {target.__name__}", name, names): value for name, value in settings.items()}
 
 
