@@ -14,6 +14,9 @@ lines must be seen, and not its blur:
 - View v of all symbols is the same image but for the symbol: same background, place and distractor.
   Not even a view known by heart says which symbol it showed.
 
+What a blur hides, a reduced image that is fine enough shows: with pixels smaller than a quarter the whole
+image holds the answer, for whoever finds it there. So places must be compared with coarse reading, too.
+
 The *salient* symbol is orange on greys. The *faint* one has the mean colour of what it covers, and inks only
 a little darker and lighter. The *distractor*, larger than the symbol, is a disc in white, black and a vivid
 colour, drawn anew for every view; it means nothing.
