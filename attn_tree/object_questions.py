@@ -104,8 +104,12 @@ class ObjectVocabulary(Vocabulary):
         self.names = tuple(names)
         self.costs = None if self._costs_given is None else _costs(self._costs_given, self.names)
 
-    def look_at(self, space: spaces.Space[Any]) -> None:
+    def look_at(self, space: spaces.Space[Any], told: Sequence[str] = ()) -> None:
         """Check that observations hold a symbol for each time an object may be asked for.
+
+        Args:
+            space: of the observations.
+            told: names of the symbols, if the environment tells them; used where none were given.
 
         Raises:
             ValueError: observations are no symbols of 0 and 1, or do not fit the objects.
@@ -113,6 +117,13 @@ class ObjectVocabulary(Vocabulary):
         if self.senses == "images":
             return
         size = _binary(space)
+        if told and not self.names and size == self.asks * len(told):
+            self._name(list(told))
+        if sorted(self.names) == sorted(told) and self.names != tuple(told):
+            raise ValueError(
+                f"objects are {', '.join(self.names)}, but the environment shows them in the order "
+                f"{', '.join(told)}; give that order, or leave objects out"
+            )
         if size % self.asks or (self.names and size != self.asks * len(self.names)):
             named = f"{len(self.names)} objects ({', '.join(self.names)})" if self.names else "objects"
             raise ValueError(

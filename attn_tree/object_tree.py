@@ -19,7 +19,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 from attn_tree.growth import Growth, as_growth
 from attn_tree.learner import QuasiStaticLearner
 from attn_tree.object_questions import Detectors, ObjectVocabulary
-from attn_tree.percepts import Percepts
+from attn_tree.percepts import Percepts, names_of_symbols
 
 # The thesis's t-test, and two objects looked at together where neither helps alone (there are few).
 _GROWTH = Growth(significance=0.05, retries=0, fringe=2)
@@ -31,7 +31,8 @@ class ObjectTree(QuasiStaticLearner):
     Args:
         env: as for `QuasiStaticLearner`; observations are symbols of 0 or 1, one for each object (or
             several readings of each, those of an object side by side), or images for `detectors`.
-        objects: names, in the order of the symbols; None numbers them, or takes the detectors' names.
+        objects: names, in the order of the symbols; None takes those that the detectors or the
+            environment tell (its `symbol_names`), or numbers them.
         detectors: who looks for objects in images; None reads symbols. They are not part of a saved
             model: give them to `load`.
         asks: most readings asked for of one object, whose majority counts (odd); asking stops early
@@ -67,7 +68,7 @@ class ObjectTree(QuasiStaticLearner):
         super().__init__(env, self.words, growth=growth, gamma=gamma, **settings)
 
     def _make_percepts(self) -> Percepts:
-        self.words.look_at(self.observation_space)
+        self.words.look_at(self.observation_space, names_of_symbols(self.env))
         return super()._make_percepts()
 
     @property

@@ -170,6 +170,14 @@ def percepts_for(
         ) from None
 
 
+def names_of_symbols(env: VecEnv | None) -> tuple[str, ...]:
+    """What the dimensions of an environment's observations are called; () if it does not tell."""
+    try:
+        return () if env is None else tuple(env.get_attr("symbol_names")[0])
+    except AttributeError:
+        return ()
+
+
 def _is_vector(space: spaces.Space[Any]) -> bool:
     if isinstance(space, _VECTORS):
         return len(space.shape) == 1

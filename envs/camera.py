@@ -72,6 +72,11 @@ class CameraEnv(gym.Env[Any, Any]):
         return self.world.images
 
     @property
+    def symbol_names(self) -> tuple[str, ...]:
+        """What the symbols of `obs="symbols"` say; () where they have no names."""
+        return tuple(self.world.symbol_names)
+
+    @property
     def max_episode_steps(self) -> int | None:
         """The registered time limit (one given to `gymnasium.make` is in `env.spec`)."""
         return gym.spec(self.spec.id).max_episode_steps if self.spec else None
@@ -197,6 +202,11 @@ class CameraVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def bank(self) -> np.ndarray:
         """`(N, H, W, 3)` uint8, the images that indices refer to."""
         return self.world.images
+
+    @property
+    def symbol_names(self) -> tuple[str, ...]:
+        """What the symbols of `obs="symbols"` say; () where they have no names."""
+        return tuple(self.world.symbol_names)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -47,6 +47,12 @@ def check_world(world: World) -> None:
         (world.probability >= 0).all() and np.allclose(world.probability.sum(axis=2), 1),
         "the probabilities of the successors of a state and an action must sum to 1",
     )
+    if world.targets is not None:
+        shape = len(world.images), 4
+        expect(world.targets.shape == shape, f"targets must have shape {shape}, not {world.targets.shape}")
+    if world.symbol_names:
+        read = 0 if world.symbols is None else world.symbols.shape[-1]
+        expect(len(world.symbol_names) == read, f"{len(world.symbol_names)} names for {read} symbols")
     expect(bool(np.isfinite(world.reward).all()), "rewards must be finite")
     expect((world.start >= 0).all() and np.isclose(world.start.sum(), 1), "start probabilities must sum to 1")
     expect(not world.start[world.terminal].any(), "an episode cannot start in a terminal state")

@@ -167,6 +167,7 @@ def _world(
         state_names=[*(_in_words(names, row) for row in known), "right", "wrong"],
         action_names=actions,
         symbols=np.concatenate([np.array(known), np.zeros((2, len(names)), int)]),
+        symbol_names=names,
     )
 
 

@@ -11,6 +11,7 @@ held-out ones.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -209,7 +210,7 @@ def _furnish(world: World, sets: Sequence[frozenset[str]], images: np.ndarray) -
     names = vocabulary(sets)
     held = np.array([[name in held for name in names] for held in sets], np.int32)
     symbols = np.concatenate([np.repeat(held, each, axis=0), np.zeros((2, len(names)), np.int32)])
-    return world.with_views(views, n_views, images, symbols)
+    return replace(world.with_views(views, n_views, images, symbols), symbol_names=names)
 
 
 def _boards(sets: Sequence[frozenset[str]], each: int) -> np.ndarray:

@@ -52,6 +52,7 @@ class World:
         grid_shape: (rows, columns) of that grid; cells without a state are obstacles.
         symbols: `(N, D)` int32, not negative: what a symbolic sensor with D dimensions reads
             of each image; None where there is no such sensor.
+        symbol_names: of the D dimensions, for people and for trees that are drawn; () where they have none.
         action_shape: how many choices each part of an action has, where actions have parts (a motor
             action and a place to attend, say); None for plain ones. In these arrays an action is
             one number all the same, that of `numpy.ravel_multi_index(parts, action_shape)`.
@@ -78,6 +79,7 @@ class World:
     symbols: np.ndarray | None = None
     action_shape: tuple[int, ...] | None = None
     targets: np.ndarray | None = None
+    symbol_names: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         expect(
@@ -96,8 +98,8 @@ class World:
         }
         for name, dtype in kinds.items():
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
-        object.__setattr__(self, "state_names", tuple(map(str, self.state_names)))
-        object.__setattr__(self, "action_names", tuple(map(str, self.action_names)))
+        for name in ("state_names", "action_names", "symbol_names"):
+            object.__setattr__(self, name, tuple(map(str, getattr(self, name))))
         if self.positions is not None:
             object.__setattr__(self, "positions", _frozen(self.positions, np.int64))
         if self.symbols is not None:
@@ -106,10 +108,6 @@ class World:
             object.__setattr__(self, "symbols", _frozen(self.symbols, np.int32))
         if self.targets is not None:
             object.__setattr__(self, "targets", _frozen(self.targets, np.int32))
-            expect(
-                self.targets.shape == (len(self.images), 4),
-                f"targets must have shape ({len(self.images)}, 4), not {self.targets.shape}",
-            )
         if self.action_shape is not None:
             object.__setattr__(self, "action_shape", tuple(map(int, self.action_shape)))
         check_world(self)
@@ -255,14 +253,8 @@ class World:
     ) -> World:
         """The same dynamics behind other images (held-out views, say), with their symbols if any."""
         read = None if symbols is None else np.asarray(symbols)
-        return replace(
-            self,
-            views=np.asarray(views),
-            n_views=np.asarray(n_views),
-            images=images,
-            symbols=read,
-            targets=None,
-        )
+        views, n_views = np.asarray(views), np.asarray(n_views)
+        return replace(self, views=views, n_views=n_views, images=images, symbols=read, targets=None)
 
     def starting_in(self, states: Sequence[int] | np.ndarray) -> World:
         """The same world, episodes starting in any of these `states`, all equally likely.

@@ -253,7 +253,7 @@ def test_the_thesis_rules_learn_the_simple_map() -> None:
     model.set_random_seed(0)
     model.learn(12_000)
     assert rate(model) == 1
-    assert model.objects[0] == "object 0"
+    assert model.objects[0] == "pedestrian"  # as the environment tells
 
 
 def test_asking_again_makes_up_for_a_sensor_that_errs() -> None:
@@ -272,3 +272,13 @@ def test_asking_again_makes_up_for_a_sensor_that_errs() -> None:
             rates.append(world.correct_policy_rate(np.asarray(actions, int), 0.9))
         found[asks] = float(np.mean(rates))
     assert found[5] > 0.95 > 0.9 > found[1]
+
+
+def test_the_environment_tells_the_names_of_its_objects() -> None:
+    env = make_vec("attn_tree/SignNavigation-simple-v0", n_envs=2, obs="symbols", flip=0.1)
+    told = env.get_attr("symbol_names")[0]
+    assert ObjectTree(env).objects == told and len(told) == 4
+    with pytest.raises(ValueError, match="shows them in the order"):
+        ObjectTree(env, objects=told[::-1])
+    own = ["A", "B", "C", "D"]
+    assert ObjectTree(env, objects=own).objects == tuple(own)
