@@ -56,7 +56,7 @@ def score_variants(lines: Sequence[Line]) -> list[Table]:
     names = ("heldout", "fraction", "selection", "questions", "leaves")
     head = ["variant", "held out", "read", "of it selection", "questions", "leaves"]
     rows = [[v, *(estimate(lines, n, variant=v) for n in names)] for v in VARIANTS]
-    return [Table(head, rows, "", DECIMALS)]
+    return [Table(head, rows, "", {name: digits for name, digits in DECIMALS.items() if name in head})]
 
 
 EXPERIMENTS = [
