@@ -39,15 +39,19 @@ class GlimpseBank(BankExtractor):
     def _fresh_memory(self) -> Memory:
         return Memory(self._bank, self.extractor.glance, self.extractor.map_saliency)
 
+    def eye(self, indices: torch.Tensor) -> Eye:
+        """An eye on these images `(B,)` of the bank."""
+        return Eye(self._bank, indices, self._memory)
+
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(B, hidden)` of one-hot `(B, n)` or `(B, 1, n)` observations."""
         indices = observations.flatten(1).argmax(dim=1)
         if metering():
             self._members = None
-            return self.extractor.encode(Eye(self._bank, indices))[0]
+            return self.extractor.encode(self.eye(indices))[0]
         distinct, members = torch.unique(indices, return_inverse=True)
         self._members = members
-        features, cost = self.extractor.encode(Eye(self._bank, distinct, self._memory))
+        features, cost = self.extractor.encode(self.eye(distinct))
         return with_cost(
             features.index_select(0, members),
             None if cost is None else cost.index_select(0, members),

@@ -68,8 +68,8 @@ class GlimpseExtractor(BaseFeaturesExtractor):
     ) -> None:
         if places not in get_args(Places):
             raise ValueError(f"places must be one of {', '.join(get_args(Places))}, not {places!r}")
-        self._shape = image_shape(observation_space)
-        channels, height, width = self._shape
+        shape = image_shape(observation_space)
+        channels, height, width = shape
         if places != "none" and not (glimpses >= 1 and 8 <= patch <= min(height, width)):
             raise ValueError(
                 f"need at least 1 glimpse with a patch of 8 to {min(height, width)} pixels, "
@@ -78,6 +78,7 @@ class GlimpseExtractor(BaseFeaturesExtractor):
         if not 1 <= glance <= min(height, width):
             raise ValueError(f"a glance takes 1 to {min(height, width)} values a side, not {glance}")
         super().__init__(observation_space, hidden)
+        self.image_shape = shape  # (C, H, W)
         self.glimpses = 0 if places == "none" else glimpses
         self.patch, self.glance, self.places = patch, glance, places
         self.last_places: torch.Tensor | None = None
@@ -105,7 +106,7 @@ class GlimpseExtractor(BaseFeaturesExtractor):
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(B, hidden)` of images in [0, 1]."""
-        retina = TensorRetina(channels_first(observations, self._shape))
+        retina = TensorRetina(channels_first(observations, self.image_shape))
         glance = retina.glance(self.glance)
         state = self.see_whole(glance - 0.5)
         if self.glimpses == 0:
@@ -119,6 +120,10 @@ class GlimpseExtractor(BaseFeaturesExtractor):
             visited.append(place.detach())
         self.last_places = torch.stack(visited, dim=1)
         return state
+
+    def gaze_parameters(self) -> list[nn.Parameter]:
+        """What learns where to look."""
+        return list(self.locator.parameters()) if self.places == "learned" else []
 
     def _locate(self, state: torch.Tensor) -> torch.Tensor:
         place = torch.tanh(self.locator_scale * self.locator(state))

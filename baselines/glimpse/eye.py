@@ -109,10 +109,10 @@ class Eye(TensorRetina):
                 f"a window of {size} values at scale {scale} does not fit into "
                 f"{self.width} × {self.height} pixels at a whole number of pixels per value"
             )
+        extent_x, extent_y = size * step / self.width, size * step / self.height
+        centers = places * places.new_tensor([1 - extent_x, 1 - extent_y])
+        self._enter_windows(centers, extent_x, extent_y, size, stage)
         sides = places.new_tensor([self.width, self.height])
-        extents = size * step / sides
-        centers = places * (1 - extents)
-        self._enter_windows(centers, float(extents[0]), float(extents[1]), size, stage)
         first = (centers + 1) / 2 * sides - size * step / 2 + (step - 1) / 2  # pixel of the first sample
         last = sides - (size - 1) * step - 2  # where the pixel after the last sample is the image's last one
         corner = first.detach().floor().clamp(min=0).minimum(last)

@@ -47,7 +47,7 @@ from baselines.glimpse.places import fixed_places, hash_salt, hashed_places
 SaliencyPlaces = Literal["learned", "detached", "salient", "random", "fixed", "none"]
 Readout = Literal["last", "mean", "halting"]
 KEYS = 16  # d, the size of a key
-_TILE = 4  # side of the tiles that a window is first taken in by
+_TILE = 4  # values per side of what a key is made of
 
 
 @dataclass
@@ -144,12 +144,13 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         hidden: int = 128,
         place_seed: int = 0,
     ) -> None:
-        self._shape = image_shape(observation_space)
-        channels, height, width = self._shape
+        shape = image_shape(observation_space)
+        channels, height, width = shape
         side = min(height, width)
         _check_choices(places, readout, beta, ponder)
         _check_sizes(glimpses if places != "none" else 1, patch, glance, tuple(scales), side)
         super().__init__(observation_space, hidden)
+        self.image_shape = shape  # (C, H, W)
         self.glimpses = 0 if places == "none" else glimpses
         self.patch, self.glance, self.scales = patch, glance, tuple(scales)
         self.places, self.readout, self.ponder = places, readout, ponder
@@ -162,10 +163,21 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         )
         if places == "none":
             return
-        self.see_tile = nn.Linear(channels * len(self.scales) * _TILE**2, 16)
-        self.see_patch = nn.Linear(16 * (patch // _TILE) ** 2, hidden)
+        # What a window shows must not hang on where exactly it lies: hence shared weights and a maximum.
+        self.see_patch = nn.Sequential(
+            nn.Conv2d(channels * len(self.scales), 16, kernel_size=4, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(16, 32, kernel_size=4, stride=2, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+            nn.Flatten(),
+            nn.Linear(32 * (patch // 8) ** 2, hidden),
+        )
         self.see_place = nn.Linear(2, hidden)
         self.state = nn.GRUCell(hidden, hidden)
+        # PyTorch's own weights let little of what comes in reach the state, and little gradient back.
+        for gate in self.state.weight_ih.chunk(3):
+            nn.init.orthogonal_(gate, gain=2.0)
         self.halting = Halting(hidden) if readout == "halting" else None
         if places == "fixed":
             self.register_buffer("fixed", fixed_places(glimpses))
@@ -198,9 +210,17 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         """β, the weight of saliency; 0 where there is none."""
         return float(self.log_beta.detach().exp()) if hasattr(self, "log_beta") else 0.0
 
+    def gaze_parameters(self) -> list[nn.Parameter]:
+        """What learns where to look."""
+        if self.places not in ("learned", "salient"):
+            return []
+        layers = [getattr(self, name, None) for name in ("key_tile", "key_place", "key", "query")]
+        found = [parameter for layer in layers if layer is not None for parameter in layer.parameters()]
+        return found + ([self.log_beta] if hasattr(self, "log_beta") else [])
+
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(B, hidden)` of images in [0, 1]."""
-        features, cost = self.encode(Eye(channels_first(observations, self._shape)))
+        features, cost = self.encode(Eye(channels_first(observations, self.image_shape)))
         return with_cost(features, cost, self.ponder)
 
     def encode(self, eye: Eye) -> tuple[torch.Tensor, torch.Tensor | None]:
@@ -263,11 +283,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         k = len(look.places)
         place = self._locate(look) if look.given is None else look.given[:, k]
         windows = [look.eye.window(self._rescaled(place, s), self.patch, scale=s) for s in self.scales]
-        seen = torch.cat(windows, dim=1) - 0.5
-        batch, channels, side = len(seen), seen.shape[1], self.patch // _TILE
-        # The tiles of a window side by side in the last axis: a convolution without overlap.
-        tiles = seen.view(batch, channels, side, _TILE, side, _TILE).permute(0, 2, 4, 1, 3, 5)
-        what = self.see_patch(torch.relu(self.see_tile(tiles.reshape(batch, side**2, -1))).flatten(1))
+        what = self.see_patch(torch.cat(windows, dim=1) - 0.5)
         look.state = self.state(torch.relu(what + self.see_place(place)), look.state)
         look.places.append(place.detach())
 
@@ -302,12 +318,12 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         centres, highest = self.grid.soft_argmax(logits)
         around = self.grid.around(highest)
         look.visited = around if look.visited is None else look.visited | around
-        sides = centres.new_tensor([self._shape[2], self._shape[1]])
+        sides = centres.new_tensor([self.image_shape[2], self.image_shape[1]])
         return _bounded((2 * centres / sides - 1) / self._reach(1))
 
     def _reach(self, scale: int) -> torch.Tensor:
         """How far from the middle `(2,)` centres of windows may lie, shares of half the width and height."""
-        return 1 - self.patch * scale / torch.tensor([self._shape[2], self._shape[1]])
+        return 1 - self.patch * scale / torch.tensor([self.image_shape[2], self.image_shape[1]])
 
     def _rescaled(self, place: torch.Tensor, scale: int) -> torch.Tensor:
         """The place of a window of another scale around the same centre, as far as the border lets it."""
