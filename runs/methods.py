@@ -79,6 +79,10 @@ def _glimpse(name: str, places: str, note: str) -> Method:
     return _network(name, "baselines.glimpse:GlimpsePPO", note, places=places)
 
 
+def _saliency_glimpse(name: str, note: str, **settings: Any) -> Method:
+    return _network(name, "baselines.glimpse:SaliencyGlimpsePPO", note, **settings)
+
+
 def _control(name: str, path: str, note: str, obs: Mode = "index") -> Method:
     return Method(name, "control", _constructor(path), 32, obs, note=note)
 
@@ -99,6 +103,18 @@ _ALL = (
     _glimpse("GlimpsePPO-fixed", "fixed", "the same at fixed places"),
     _glimpse("GlimpsePPO-detached", "detached", "the same, places get no gradient"),
     _glimpse("GlimpsePPO-glance", "none", "the glance alone"),
+    _saliency_glimpse("SaliencyGlimpse", "PPO, a 32×32 glance and 3 windows where keys and saliency lead"),
+    _saliency_glimpse("SaliencyGlimpse-keys", "the same, keys alone", beta=0.0),
+    _saliency_glimpse("SaliencyGlimpse-frozen", "the same, the weight of saliency held", learn_beta=False),
+    _saliency_glimpse("SaliencyGlimpse-salient", "the same, saliency alone", places="salient"),
+    _saliency_glimpse("SaliencyGlimpse-detached", "the same, places get no gradient", places="detached"),
+    _saliency_glimpse("SaliencyGlimpse-random", "the same at random places", places="random"),
+    _saliency_glimpse("SaliencyGlimpse-fixed", "the same at fixed places", places="fixed"),
+    _saliency_glimpse("SaliencyGlimpse-glance", "the glance alone", places="none"),
+    _saliency_glimpse(
+        "SaliencyGlimpse-halting", "as many glimpses as it finds worth", readout="halting", ponder=0.01
+    ),
+    _network("SaliencyGlimpseDQN", "baselines.glimpse:SaliencyGlimpseDQN", "DQN with the same network"),
     _control("PixelTree", "baselines.pixel_tree:PixelTree", "tree over thresholds of raw pixels"),
     _control("ThumbnailQ", "baselines.tabular:ThumbnailQ", "table over a hash of an 8×8 thumbnail"),
     _control(
