@@ -3,6 +3,10 @@
 from baselines.bank_extractor import BankExtractor
 from baselines.c45 import C45
 from baselines.glimpse import (
+    RAM,
+    EarlyExit,
+    GazePPO,
+    GazeWrapper,
     GlimpseExtractor,
     GlimpseLogger,
     GlimpsePPO,
@@ -25,8 +29,12 @@ from baselines.vocus import VOCUS, learn_vocus
 __all__ = [
     "C45",
     "NVT",
+    "RAM",
     "VOCUS",
     "BankExtractor",
+    "EarlyExit",
+    "GazePPO",
+    "GazeWrapper",
     "GlimpseExtractor",
     "GlimpseLogger",
     "GlimpsePPO",

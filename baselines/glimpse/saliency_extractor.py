@@ -114,7 +114,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
     Attributes:
         last_places: `(B, K, 2)` in [-1, 1], (x, y), of the last batch; ±1 puts the window at the
             border, NaN where none was read. None with `places="none"`.
-        last_counts: `(B,)`, windows places of the last batch.
+        last_counts: `(B,)`, how many places were looked at in each image of the last batch.
         last_entropies: `(B, K)` nats, of the softmax over the map, NaN likewise; None where
             places are given.
 
