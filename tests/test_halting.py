@@ -124,7 +124,7 @@ def test_gaze_in_the_action_reads_only_what_it_looks_at() -> None:
     env = GazeWrapper(DummyVecEnv([Corridor] * 2), gaze)
     assert env.action_space == spaces.MultiDiscrete([2, 25])
     with meter() as cost:
-        first = env.reset()
+        first = np.asarray(env.reset())
         assert first.shape == (2, gaze.size)
         seen, rewards, dones, _ = env.step(np.array([[1, 0], [1, 24]]))
         assert not rewards.any() and not dones.any()

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import cv2
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -17,6 +21,7 @@ from attn_tree.vision.retina import TensorRetina, meter
 from attn_tree.vision.saliency import saliency_map
 from baselines.glimpse import GlimpseLogger, SaliencyGlimpseDQN, SaliencyGlimpseExtractor, SaliencyGlimpsePPO
 from baselines.glimpse.attention import PlaceGrid
+from baselines.glimpse.bank import GlimpseBank
 from baselines.glimpse.conspicuity import GlanceSaliency
 from baselines.glimpse.eye import Eye
 from baselines.glimpse.logger import glimpse_network, hit_rate
@@ -37,39 +42,33 @@ def cues(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for image, way, box in zip(images, ways, boxes, strict=True):
         x, y = box[:2] = rng.integers(2, SIDE - 14, 2)
         square = np.full((12, 12, 3), (220, 30, 30), np.uint8)
-        square[np.rot90(np.arange(144).reshape(12, 12), way) < 72] = (250, 200, 60)
+        square[np.rot90(np.arange(144).reshape(12, 12), int(way)) < 72] = (250, 200, 60)
         image[y : y + 12, x : x + 12] = square
     return images, ways, boxes
 
 
-class Naming:
+class Naming(gym.Env):
     """One-step episodes: say which way the square of the image is half light."""
 
-    def __new__(cls, n: int = 64, obs: str = "index"):  # type: ignore[no-untyped-def]
-        import gymnasium as gym
+    def __init__(self, n: int = 64, obs: str = "index") -> None:
+        self.bank, self._ways, _ = cues(n)
+        self._obs = obs
+        self.action_space = spaces.Discrete(4)
+        self.observation_space = (
+            spaces.Discrete(n) if obs == "index" else spaces.Box(0, 255, self.bank.shape[1:], np.uint8)
+        )
 
-        images, ways, boxes = cues(n)
+    def _see(self) -> Any:
+        self._at = int(self.np_random.integers(len(self.bank)))
+        return self._at if self._obs == "index" else self.bank[self._at].copy()
 
-        class Env(gym.Env):  # type: ignore[type-arg]
-            bank, targets = images, boxes
-            action_space = spaces.Discrete(4)
-            observation_space = (
-                spaces.Discrete(n) if obs == "index" else spaces.Box(0, 255, images.shape[1:], np.uint8)
-            )
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        return self._see(), {}
 
-            def _see(self):  # type: ignore[no-untyped-def]
-                self.at = int(self.np_random.integers(n))
-                return self.at if obs == "index" else images[self.at].copy()
-
-            def reset(self, *, seed=None, options=None):  # type: ignore[no-untyped-def]
-                super().reset(seed=seed)
-                return self._see(), {}
-
-            def step(self, action):  # type: ignore[no-untyped-def]
-                right = float(action == ways[self.at])
-                return self._see(), right, True, False, {}
-
-        return Env()
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        right = float(action == self._ways[self._at])
+        return self._see(), right, True, False, {}
 
 
 def unit(images: np.ndarray) -> torch.Tensor:
@@ -196,7 +195,7 @@ def test_ppo_first_update_has_ratio_one() -> None:
 def test_index_and_pixels_act_alike_and_seeds_repeat() -> None:
     policies = []
     for obs in ("index", "pixels", "index"):
-        env = DummyVecEnv([lambda obs=obs: Naming(16, obs)] * 4)
+        env = DummyVecEnv([partial(Naming, 16, obs)] * 4)
         model = SaliencyGlimpsePPO(env, seed=3, n_steps=16, batch_size=64, **SMALL).learn(128)
         seen = np.arange(16) if obs == "index" else cues(16)[0]
         observations, _ = model.policy.obs_to_tensor(seen)
@@ -227,7 +226,7 @@ def test_dqn_trains_and_another_bank_is_looked_at() -> None:
     before = [p.clone() for p in model.q_net.parameters()]
     model.learn(64)
     assert any(not torch.equal(a, b) for a, b in zip(before, model.q_net.parameters(), strict=True))
-    holder = next(m for m in model.q_net.modules() if hasattr(m, "set_bank"))
+    holder = next(m for m in model.q_net.modules() if isinstance(m, GlimpseBank))
     one = torch.eye(CELLS)
     with torch.no_grad():
         first = holder(one)
