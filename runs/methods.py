@@ -71,16 +71,19 @@ def _tree(name: str, path: str, note: str, obs: Mode = "index", **settings: Any)
     return Method(name, "tree", _constructor(path), 32, obs, settings, note)
 
 
-def _network(name: str, path: str, note: str, **settings: Any) -> Method:
-    return Method(name, "network", _constructor(path), 8, "index", settings, note)
+def _network(name: str, path: str, note: str, *others: str, **settings: Any) -> Method:
+    return Method(name, "network", _constructor(path, *others), 8, "index", settings, note)
 
 
 def _glimpse(name: str, places: str, note: str) -> Method:
     return _network(name, "baselines.glimpse:GlimpsePPO", note, places=places)
 
 
+_SALIENCY_NETWORK = "baselines.glimpse:SaliencyGlimpseExtractor"
+
+
 def _saliency_glimpse(name: str, note: str, **settings: Any) -> Method:
-    return _network(name, "baselines.glimpse:SaliencyGlimpsePPO", note, **settings)
+    return _network(name, "baselines.glimpse:SaliencyGlimpsePPO", note, _SALIENCY_NETWORK, **settings)
 
 
 def _control(name: str, path: str, note: str, obs: Mode = "index") -> Method:
@@ -114,7 +117,12 @@ _ALL = (
     _saliency_glimpse(
         "SaliencyGlimpse-halting", "as many glimpses as it finds worth", readout="halting", ponder=0.01
     ),
-    _network("SaliencyGlimpseDQN", "baselines.glimpse:SaliencyGlimpseDQN", "DQN with the same network"),
+    _network(
+        "SaliencyGlimpseDQN",
+        "baselines.glimpse:SaliencyGlimpseDQN",
+        "DQN with the same network",
+        _SALIENCY_NETWORK,
+    ),
     _control("PixelTree", "baselines.pixel_tree:PixelTree", "tree over thresholds of raw pixels"),
     _control("ThumbnailQ", "baselines.tabular:ThumbnailQ", "table over a hash of an 8×8 thumbnail"),
     _control(
