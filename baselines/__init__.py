@@ -23,6 +23,7 @@ from baselines.random_agent import RandomAgent
 from baselines.rival import Rival
 from baselines.spectral_residual import spectral_residual
 from baselines.tabular import TabularQ, ThumbnailQ
+from baselines.teacher import AskTeacher, fidelity
 from baselines.template import TemplateMatcher, learn_template
 from baselines.vocus import VOCUS, learn_vocus
 
@@ -31,6 +32,7 @@ __all__ = [
     "NVT",
     "RAM",
     "VOCUS",
+    "AskTeacher",
     "BankExtractor",
     "EarlyExit",
     "GazePPO",
@@ -52,6 +54,7 @@ __all__ = [
     "TemplateMatcher",
     "ThumbnailQ",
     "count_macs",
+    "fidelity",
     "learn_nvt",
     "learn_template",
     "learn_vocus",

@@ -28,8 +28,6 @@ Everything here is deterministic, or PPO's probability ratios would be noise.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
 
 import gymnasium as gym
 import torch
@@ -42,51 +40,10 @@ from baselines.glimpse.attention import INHIBITED, PlaceGrid
 from baselines.glimpse.conspicuity import GlanceSaliency
 from baselines.glimpse.eye import Eye
 from baselines.glimpse.halting import NEGLIGIBLE, Halting, with_cost
+from baselines.glimpse.look import TILE, Look, Readout, SaliencyPlaces, check_choices, check_sizes
 from baselines.glimpse.places import fixed_places, hash_salt, hashed_places
 
-SaliencyPlaces = Literal["learned", "detached", "salient", "random", "fixed", "none"]
-Readout = Literal["last", "mean", "halting"]
 KEYS = 16  # d, the size of a key
-_TILE = 4  # values per side of what a key is made of
-
-
-@dataclass
-class Look:
-    """What is known of a batch of images part of the way through looking at them.
-
-    Attributes:
-        eye: on the images.
-        state: `(B, hidden)`, of the GRU.
-        places: `(B, 2)` each, in [-1, 1], of the windows so far.
-        entropies: `(B,)` each, nats, of the softmax over the whole map that chose them.
-    """
-
-    eye: Eye
-    state: torch.Tensor
-    given: torch.Tensor | None = None  # (B, K, 2), places known beforehand
-    keys: torch.Tensor | None = None  # (B, side, side, d)
-    saliency: torch.Tensor | None = None  # (B, P)
-    visited: torch.Tensor | None = None  # (B, P) bool
-    places: list[torch.Tensor] = field(default_factory=list)
-    entropies: list[torch.Tensor] = field(default_factory=list)
-
-    def at(self, members: torch.Tensor) -> Look:
-        """The same look at some of its images `(M,)` alone, to go on with."""
-
-        def of(values: torch.Tensor | None) -> torch.Tensor | None:
-            return None if values is None else values[members]
-
-        return replace(
-            self,
-            eye=self.eye.at(members),
-            state=self.state[members],
-            given=of(self.given),
-            keys=of(self.keys),
-            saliency=of(self.saliency),
-            visited=of(self.visited),
-            places=[each[members] for each in self.places],
-            entropies=[each[members] for each in self.entropies],
-        )
 
 
 class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
@@ -147,8 +104,8 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         shape = image_shape(observation_space)
         channels, height, width = shape
         side = min(height, width)
-        _check_choices(places, readout, beta, ponder)
-        _check_sizes(glimpses if places != "none" else 1, patch, glance, tuple(scales), side)
+        check_choices(places, readout, beta, ponder)
+        check_sizes(glimpses if places != "none" else 1, patch, glance, tuple(scales), side)
         super().__init__(observation_space, hidden)
         self.image_shape = shape  # (C, H, W)
         self.glimpses = 0 if places == "none" else glimpses
@@ -194,7 +151,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
             self.map_saliency = GlanceSaliency()
             self.log_beta = nn.Parameter(torch.tensor(math.log(beta)), requires_grad=learn_beta)
         if self.places != "salient":
-            self.key_tile = nn.Linear(channels * _TILE**2, KEYS)
+            self.key_tile = nn.Linear(channels * TILE**2, KEYS)
             self.key_place = nn.Linear(2, KEYS)
             self.key = nn.Linear(KEYS, KEYS)
             self.query = nn.Linear(hidden, KEYS)
@@ -289,7 +246,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
 
     def _keys(self, glance: torch.Tensor) -> torch.Tensor:
         """Keys `(B, side, side, d)` of places half as far apart as the glance's, from 4 × 4 of its values."""
-        tiles = F.pad(glance, (1, 1, 1, 1)).unfold(2, _TILE, 2).unfold(3, _TILE, 2).permute(0, 2, 3, 1, 4, 5)
+        tiles = F.pad(glance, (1, 1, 1, 1)).unfold(2, TILE, 2).unfold(3, TILE, 2).permute(0, 2, 3, 1, 4, 5)
         keys: torch.Tensor = self.key(
             torch.relu(self.key_tile(tiles.flatten(3)) + self.key_place(self._positions))
         )
@@ -350,29 +307,3 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
 
 def _bounded(place: torch.Tensor) -> torch.Tensor:
     return place.clamp(-1, 1)
-
-
-def _check_choices(places: str, readout: str, beta: float, ponder: float) -> None:
-    """Refuse what there is not."""
-    for name, value, choices in (("places", places, SaliencyPlaces), ("readout", readout, Readout)):
-        if value not in get_args(choices):
-            raise ValueError(f"{name} must be one of {', '.join(get_args(choices))}, not {value!r}")
-    if beta < 0 or (places == "salient" and beta == 0):
-        raise ValueError(f"beta is {beta}; expected a number above 0, or 0 for keys alone")
-    if ponder < 0 or (ponder > 0 and readout != "halting"):
-        raise ValueError(f"ponder is {ponder}; expected 0, or a number above 0 with readout='halting'")
-
-
-def _check_sizes(glimpses: int, patch: int, glance: int, scales: tuple[int, ...], side: int) -> None:
-    """Refuse what images with a shorter side of `side` pixels cannot meet."""
-    if glimpses < 1:
-        raise ValueError(f"glimpses is {glimpses}; expected at least 1, or places='none'")
-    if not scales or min(scales) < 1 or any(scale != int(scale) for scale in scales):
-        raise ValueError(f"scales are whole numbers of pixels per value, at least one, not {scales}")
-    if patch < 8 or patch % _TILE or patch * max(scales) >= side:
-        raise ValueError(
-            f"a window takes a multiple of {_TILE} values a side, from 8, and covers less than the image's "
-            f"{side} pixels at each of its scales {scales}; patch is {patch}"
-        )
-    if glance % 2 or not 2 <= glance <= side:
-        raise ValueError(f"a glance takes an even number of values a side, 2 to {side}, not {glance}")
