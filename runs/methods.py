@@ -100,6 +100,12 @@ _ALL = (
     _tree("UTree", "attn_tree:UTree", "tree over dimensions of symbols, now and before", "symbols"),
     _tree("ObjectTree", "attn_tree:ObjectTree", "tree over which objects are in the scene", "symbols"),
     _network("NaturePPO", "baselines.nature_cnn:NaturePPO", "PPO, NatureCNN on the full image"),
+    _network(
+        "NaturePPO-48",
+        "baselines.nature_cnn:NaturePPO",
+        "PPO, NatureCNN on the image binned to 48×48",
+        size=48,
+    ),
     _network("NatureDQN", "baselines.nature_cnn:NatureDQN", "DQN, NatureCNN on the full image"),
     _glimpse("GlimpsePPO", "learned", "PPO, a 16×16 glance and 3 windows at learned places"),
     _glimpse("GlimpsePPO-random", "random", "the same at random places"),

@@ -78,7 +78,7 @@ def train(cell: Cell, folder: Path) -> None:
     prepared = time.process_time() - clock[0]
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     callback = _callback(cell, method, env)
-    model.learn(cell.steps, callback=CallbackList([callback, *_extra_callbacks(cell)]))
+    model.learn(cell.steps, callback=CallbackList([callback, *_extra_callbacks(cell, env)]))
     cpu = time.process_time() - clock[0] - callback.cpu_s
     wall = time.perf_counter() - clock[1] - callback.wall_s
     models.save(
@@ -200,12 +200,13 @@ def _callback(cell: Cell, method: Method, env: Any) -> StudyCallback:
     return StudyCallback(evaluate, cell.steps // cell.evaluations, percept if worlds else None)
 
 
-def _extra_callbacks(cell: Cell) -> list[Any]:
+def _extra_callbacks(cell: Cell, env: Any) -> list[Any]:
     if METHODS[cell.method].family != "network":
         return []
     from baselines.glimpse.logger import GlimpseLogger
 
-    return [GlimpseLogger(every=max(256, cell.steps // cell.evaluations))]
+    targets = env.get_attr("world")[0].targets if is_ours(cell.env) else None
+    return [GlimpseLogger(every=max(256, cell.steps // cell.evaluations), targets=targets)]
 
 
 def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
