@@ -14,7 +14,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter, StrMethodFormatter
 
 from runs.methods import METHODS
 from runs.record import Record
@@ -110,13 +110,16 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
     if len(front) > 1:
         axes.step(*zip(*front, strict=True), where="post", color="#777777", linewidth=1, zorder=0)
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(label)
     axes.set_ylabel("return (IQM); filled: held out, hollow: seen")
     if points and min(earned for _, earned in points) < -5:
         axes.set_yscale("symlog", linthresh=1)
     axes.margins(y=0.08)
     if points:
-        axes.set_xlim(min(x for x, _ in points) / 1.6, max(x for x, _ in points) * 1.6)
+        axes.set_xlim(min(x for x, _ in points) / 2, max(x for x, _ in points) * 2)
     return _svg(figure, axes)
 
 
