@@ -9,27 +9,14 @@ import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
+from tagged_scenes import extent, same
 
 from envs import road_scenes
 from envs.banks import data_folder
 from envs.gaze_data import osie
 from envs.road_scenes import CATEGORIES, groningen, gtsdb_crops, gtsdb_scenes
-from envs.tagged import Tagged
 
 real = pytest.mark.skipif(data_folder("gtsdb") is None, reason="ATTN_TREE_DATA has no gtsdb")
-
-
-def same(first: list[Tagged], second: list[Tagged]) -> bool:
-    return len(first) == len(second) and all(
-        a.name == b.name and np.array_equal(a.image, b.image) and np.array_equal(a.boxes, b.boxes)
-        for a, b in zip(first, second, strict=True)
-    )
-
-
-def extent(mask: np.ndarray) -> np.ndarray:
-    """Edges x0, y0, x1, y1 of what is true."""
-    y, x = np.nonzero(mask)
-    return np.array([x.min(), y.min(), x.max() + 1, y.max() + 1])
 
 
 # Road scenes -----------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import ndimage
+from tagged_scenes import extent, same
 
 from attn_tree.vision.saliency import Gains, saliency_maps
 from envs import drawn_signs, search_arrays
@@ -12,20 +13,6 @@ from envs.drawn_signs import drawn_sign_scenes
 from envs.road_scenes import CATEGORIES
 from envs.search_arrays import Item, search_array
 from envs.tagged import Tagged
-
-
-def same(first: list[Tagged], second: list[Tagged]) -> bool:
-    return len(first) == len(second) and all(
-        a.name == b.name and np.array_equal(a.image, b.image) and np.array_equal(a.boxes, b.boxes)
-        for a, b in zip(first, second, strict=True)
-    )
-
-
-def extent(mask: np.ndarray) -> np.ndarray:
-    """Edges x0, y0, x1, y1 of what is true."""
-    y, x = np.nonzero(mask)
-    return np.array([x.min(), y.min(), x.max() + 1, y.max() + 1])
-
 
 # Tagged images ---------------------------------------------------------------------------------
 
