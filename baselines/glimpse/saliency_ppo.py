@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 from stable_baselines3 import DQN, PPO
@@ -9,23 +10,11 @@ from stable_baselines3.common.type_aliases import GymEnv
 
 from baselines.bank_extractor import open_env
 from baselines.glimpse.bank import glimpse_kwargs
+from baselines.glimpse.saliency_extractor import SaliencyGlimpseExtractor
 from baselines.settings import dqn_settings, ppo_settings
 
 # Arguments of the network, which `**kwargs` may hold beside those of the learner.
-_OF_NETWORK = (
-    "glimpses",
-    "patch",
-    "glance",
-    "scales",
-    "places",
-    "beta",
-    "learn_beta",
-    "inhibition",
-    "spread",
-    "readout",
-    "ponder",
-    "hidden",
-)
+_OF_NETWORK = tuple(inspect.signature(SaliencyGlimpseExtractor).parameters)[1:]
 
 
 def SaliencyGlimpsePPO(env: GymEnv | str, *, seed: int | None = None, **kwargs: Any) -> PPO:
