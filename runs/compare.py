@@ -13,7 +13,6 @@ decides the outcome has changed since (the fingerprint in the line), unless `--f
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import asdict
@@ -84,13 +83,13 @@ def _side_by_side(
     """Outcomes as they come; one worker is this process itself."""
     if workers == 1 and backend == "loky":
         return (attempt(cell, cell.folder(out)) for cell in waiting)
-    calls = [partial(attempt, cell, cell.folder(out), os.getpid()) for cell in waiting]
+    calls = [partial(attempt, cell, cell.folder(out)) for cell in waiting]
     return parallel.side_by_side(calls, workers, backend)
 
 
-def attempt(cell: Cell, folder: Path, parent: int | None = None) -> Outcome[Cell]:
+def attempt(cell: Cell, folder: Path) -> Outcome[Cell]:
     """Train one cell; a failure is reported, not raised."""
-    return parallel.attempt(cell, lambda each: run.train(each, folder), folder, parent)
+    return parallel.attempt(cell, lambda each: run.train(each, folder), folder)
 
 
 def _kinds(cell: Cell) -> Sequence[Hashable]:

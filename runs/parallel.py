@@ -50,17 +50,14 @@ class Outcome(Generic[J]):
     error: str | None = None
 
 
-def attempt(job: J, work: Callable[[J], Any], folder: Path, parent: int | None = None) -> Outcome[J]:
+def attempt(job: J, work: Callable[[J], Any], folder: Path) -> Outcome[J]:
     """Do one job; what goes wrong is written to `error.txt` in its folder and reported, and others go on.
 
     Args:
         job: what to do.
         work: does it.
         folder: made if it is not there.
-        parent: process id of the driver, in whose absence this worker ends.
     """
-    if parent is not None:
-        end_with(parent)
     start = time.perf_counter()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,8 +74,10 @@ def side_by_side(
     calls: Sequence[Callable[[], Any]], workers: int, backend: Backend = "loky"
 ) -> Iterator[Any]:
     """What the calls give, as they come, from processes with one thread each."""
-    limit = {"inner_max_num_threads": 1} if backend == "loky" else {}
-    with joblib.parallel_config(backend=backend, n_jobs=workers, **limit):
+    own: dict[str, Any] = {}
+    if backend == "loky":
+        own = {"inner_max_num_threads": 1, "initializer": end_with, "initargs": (os.getpid(),)}
+    with joblib.parallel_config(backend=backend, n_jobs=workers, **own):
         jobs = (joblib.delayed(call)() for call in calls)
         if backend == "loky":
             # One job at a time for each worker: what dies with it is one run.
@@ -158,14 +157,11 @@ def one_thread() -> Iterator[None]:
                 os.environ[name] = value
 
 
-_watching: set[int] = set()
-
-
 def end_with(parent: int) -> None:
-    """End this worker when the driver is gone, so that one killed outright leaves nobody at work."""
-    if parent in _watching or os.getppid() != parent:
-        return
-    _watching.add(parent)
+    """End this worker when the driver is gone, so that one killed outright leaves nobody at work.
+
+    Said to a worker when it starts, not with its first job: the driver may die in between.
+    """
 
     def watch() -> None:
         while os.getppid() == parent:

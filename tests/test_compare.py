@@ -55,6 +55,16 @@ def workers_of(pid: int) -> list[int]:
     return [int(c) for c in children if b"popen_loky" in Path(f"/proc/{c}/cmdline").read_bytes()]
 
 
+def gone(pids: list[int], patience: float = 60.0) -> bool:
+    """Whether none of these processes is left when `patience` seconds have passed, or before."""
+    deadline = time.monotonic() + patience
+    while any(Path(f"/proc/{pid}").exists() for pid in pids):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds worker processes through /proc")
 def test_killed_study_ends_with_the_same_scores(
     uninterrupted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -73,7 +83,19 @@ def test_killed_study_ends_with_the_same_scores(
     assert "report.html" in said and "TabularQ" in said
     assert scores(tmp_path) == scores(uninterrupted) and len(scores(tmp_path)) == 6
     assert all(path.stat().st_mtime_ns == then for path, then in whole.items())  # whole runs were left alone
-    assert not any(Path(f"/proc/{pid}").exists() for pid in orphans)
+    assert gone(orphans)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds worker processes through /proc")
+def test_workers_end_with_a_driver_killed_before_their_first_job(tmp_path: Path) -> None:
+    driver = start(tmp_path)
+    deadline = time.monotonic() + 60
+    while not (orphans := workers_of(driver.pid)):
+        assert driver.poll() is None and time.monotonic() < deadline, "the driver started no worker"
+        time.sleep(0.01)
+    driver.kill()
+    driver.wait()
+    assert gone(orphans)
 
 
 @pytest.mark.parametrize("deaths", [1, 99])

@@ -133,7 +133,7 @@ def run(experiment: Experiment, units: Sequence[Unit], store: Store, workers: in
             path=store.path(experiment, unit),
             commit=commit,
         )
-        return partial(parallel.attempt, work, do, folder, os.getpid())
+        return partial(parallel.attempt, work, do, folder)
 
     waiting = [Work(experiment.name, unit) for unit in units]
     each = experiment.cpu_minutes * 60 / max(1, len(experiment.units))
