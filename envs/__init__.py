@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from envs import grids
+from envs import elsewhere, grids
 
 
 class Task(NamedTuple):
@@ -63,5 +63,7 @@ for _id, _task in zip(REGISTERED, TABLE.values(), strict=True):
         max_episode_steps=_task.max_episode_steps,
         kwargs={"builder": _task.builder, **_task.kwargs},
     )
+
+elsewhere.register()  # `elsewhere/…`: environments nobody here wrote, with packages of their own
 
 __all__ = ["REGISTERED", "TABLE", "Task"]
