@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import errno
 import importlib.util
 import io
 import json
@@ -20,6 +21,8 @@ import gymnasium
 import tyro
 
 OURS = ("attn_tree", "baselines", "envs")
+#: What a disk says that is full or may not be written to: nothing that a program can mend.
+DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO})
 
 
 class UserMistake(Exception):
@@ -40,6 +43,14 @@ def main(command: Callable[..., int | None], module: str, arguments: list[str] |
         return call() or 0
     except UserMistake as mistake:
         print(f"error: {one_line(mistake)}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        print(
+            f"error: {where}{error.strerror}; put it right and give the same command again", file=sys.stderr
+        )
         return 2
     except KeyboardInterrupt:
         print("interrupted: the same command goes on where it stopped", file=sys.stderr)

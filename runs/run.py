@@ -8,13 +8,15 @@ outcome, since everything in it follows from its seeds.
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import json
 import shlex
 import shutil
 import sys
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
@@ -24,7 +26,9 @@ import numpy as np
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import VecCheckNan
 
+from attn_tree.tree.storage import ArchiveError
 from runs import cli, drawing, evaluation, models, record
 from runs.costs import (
     Subject,
@@ -42,6 +46,7 @@ from runs.tensorboard import StudyCallback, write_summary
 
 MODEL, TRAINED, RESULT, CONFIG = "model.zip", "trained.json", "result.json", "config.json"
 SAMPLED_EPISODES = 20  # where an environment is not a World
+LONGEST_EPISODE = 30_000  # of their steps: the longest of Gymnasium's own are 27,000
 
 
 def make_env(method: Method, env: str, settings: Mapping[str, Any], n_envs: int, seed: int) -> Any:
@@ -61,9 +66,27 @@ def make_env(method: Method, env: str, settings: Mapping[str, Any], n_envs: int,
                 "envs.sb3.make_vec(..., flip=, readings=), as the experiment figure-6.14 does"
             )
         return make_vec(env, n_envs=n_envs, seed=seed, obs=method.obs, **settings)
-    return make_vec(env, n_envs=n_envs, seed=seed, **settings)
+    # A learner that is given what is no number learns that nothing is one, without a word.
+    return VecCheckNan(make_vec(env, n_envs=n_envs, seed=seed, **settings), raise_exception=True)
 
 
+@contextlib.contextmanager
+def _raised_by_the_writer() -> Iterator[None]:
+    """Keep TensorBoard's thread from printing what its writer raises at the next event: a full disk."""
+    shown = threading.excepthook
+
+    def hook(args: threading.ExceptHookArgs) -> None:
+        if not isinstance(args.exc_value, OSError):
+            shown(args)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = shown
+
+
+@_raised_by_the_writer()
 def train(cell: Cell, folder: Path) -> None:
     """Train one run and leave its model, pictures and `trained.json` in `folder`."""
     pin_threads()
@@ -76,9 +99,10 @@ def train(cell: Cell, folder: Path) -> None:
         clock = time.process_time(), time.perf_counter()
         model = method.build(env, cell.seed, **_method_settings(cell, method))
     prepared = time.process_time() - clock[0]
-    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     callback = _callback(cell, method, env)
-    model.learn(cell.steps, callback=CallbackList([callback, *_extra_callbacks(cell, env)]))
+    with contextlib.closing(configure(str(folder / "tensorboard"), ["tensorboard"])) as logger:
+        model.set_logger(logger)
+        model.learn(cell.steps, callback=CallbackList([callback, *_extra_callbacks(cell, env)]))
     cpu = time.process_time() - clock[0] - callback.cpu_s
     wall = time.perf_counter() - clock[1] - callback.wall_s
     models.save(
@@ -97,6 +121,7 @@ def train(cell: Cell, folder: Path) -> None:
     record.write(run, folder / TRAINED)
 
 
+@_raised_by_the_writer()
 def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
     """Load the trained models of one task, measure their decisions in turns, and leave `result.json`."""
     subjects: dict[str, Subject] = {}
@@ -104,7 +129,8 @@ def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
     for cell, folder in zip(cells, folders, strict=True):
         method = METHODS[cell.method]
         env = make_env(method, cell.env, _env_settings(cell), 1, cell.seed)
-        model = models.load(folder / MODEL, env)
+        with cli.mistakes_of(ArchiveError):
+            model = models.load(folder / MODEL, env)
         subjects[cell.method] = Subject(model, _percepts(env, method, model))
         images = is_ours(cell.env) and method.obs != "symbols"
         shapes[cell.method] = env.get_attr("bank")[0].shape[1:] if images else _image_shape(env)
@@ -226,7 +252,8 @@ def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
     )
     worlds = _worlds(env)
     if not worlds:
-        run.return_mean = float(np.mean(evaluate_policy(model, env, SAMPLED_EPISODES)[0]))
+        returns, _ = evaluate_policy(model, env, SAMPLED_EPISODES, callback=_given_up)
+        run.return_mean = float(np.mean(returns))
         tree = getattr(model, "tree", None)
         if tree is not None:
             run.tree_depth, run.tree_leaves, run.tree_nodes = tree.depth, len(tree.leaves), len(tree.nodes)
@@ -251,6 +278,14 @@ def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
         run.tree_depth_grown, run.tree_leaves_grown = grown.depth, len(grown.leaves)
         run.leaves_unsplittable = model.unsplittable
     return run
+
+
+def _given_up(found: dict[str, Any], _: dict[str, Any]) -> None:
+    if found["current_lengths"].max() >= LONGEST_EPISODE:
+        raise ValueError(
+            f"an episode has not ended after {LONGEST_EPISODE:,} steps: give the environment a limit, "
+            "for instance max_episode_steps=1000"
+        )
 
 
 def _percepts(env: Any, method: Method, model: Any) -> list[Any]:

@@ -141,7 +141,9 @@ def _needs_proc() -> None:
 _EQUAL = "scores equal those of an uninterrupted run to the last bit; nothing is lost or counted twice"
 
 ROWS = (
-    Row("kill-driver", "kill -9 of the driver, with one worker or two, at a random moment", _EQUAL, driver, 50),
+    Row(
+        "kill-driver", "kill -9 of the driver, with one worker or two, at a random moment", _EQUAL, driver, 50
+    ),
     Row("kill-worker", "kill -9 of one of two workers at a random moment", _EQUAL, worker, 50),
     Row(
         "two-at-once",
@@ -150,5 +152,11 @@ ROWS = (
         two_at_once,
         10,
     ),
-    Row("one-or-two-workers", "a study with two workers instead of one", "the same scores to the last bit", one_or_two, 5),
+    Row(
+        "one-or-two-workers",
+        "a study with two workers instead of one",
+        "the same scores to the last bit",
+        one_or_two,
+        5,
+    ),
 )
