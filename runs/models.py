@@ -130,8 +130,16 @@ def _restore(model: Any, inner: Mapping[str, Any], arrays: dict[str, np.ndarray]
     if kind == "learner" and hasattr(model, "_settings"):
         with tempfile.TemporaryDirectory() as folder:
             write_archive(Path(folder) / "model.zip", inner["meta"], arrays)
-            return type(model).load(Path(folder) / "model.zip", env)
+            loaded = type(model).load(Path(folder) / "model.zip", env)
+        _check_values(loaded.values, model.values)
+        return loaded
     raise ArchiveError(f"the file holds a {str(kind)[:20]!r}, which this method does not take")
+
+
+def _check_values(found: np.ndarray, fresh: np.ndarray) -> None:
+    """A value for each action in each row, and no fewer rows than before anything is learned."""
+    if found.ndim != 2 or len(found) < len(fresh) or found.shape[1] != fresh.shape[1]:
+        raise ArchiveError(f"its table of values is {found.shape}, not {fresh.shape} or more rows")
 
 
 def _first_line(error: Exception) -> str:

@@ -70,7 +70,7 @@ def read_only(trial: Trial) -> None:
 
 
 def clock(trial: Trial) -> None:
-    """The study while the system clock jumps at every look, by up to sixty years, back to 1970 at the most."""
+    """The study while the system clock jumps at every look, by up to sixty years, to 1970 at the earliest."""
     jumps = trial.rng
 
     def now() -> float:

@@ -1,0 +1,10 @@
+"""All rows, in the order of the table."""
+
+from __future__ import annotations
+
+from runs.reliability import determinism, files, folders, images, killed, worlds
+from runs.reliability.row import Row
+
+ROWS: dict[str, Row] = {
+    row.name: row for each in (killed, folders, determinism, files, images, worlds) for row in each.ROWS
+}
