@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -131,14 +132,40 @@ def test_soft_argmax_is_a_loop_over_places(seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
     grid = PlaceGrid(6, 48, 36, spread, 10.0)
     logits = rng.normal(0, 3, (2, 36)).astype(np.float32)
-    found, highest = grid.soft_argmax(torch.from_numpy(logits))
-    for row, place, top in zip(logits, found.numpy(), highest.tolist(), strict=True):
-        centres = [((c + 0.5) * 8, (r + 0.5) * 6) for r in range(6) for c in range(6)]
+    peaks = grid.peaks(torch.from_numpy(logits), 3)
+    found = grid.mean_around(torch.from_numpy(logits), peaks[:, 0])
+    centres = [((c + 0.5) * 8, (r + 0.5) * 6) for r in range(6) for c in range(6)]
+    for row, place, (top, *others) in zip(logits, found.numpy(), peaks.tolist(), strict=True):
         assert top == max(range(36), key=lambda i: row[i])
+        for before, other in enumerate(others, 1):
+            taken = [top, *others][:before]
+            free = [i for i in range(36) if all(math.dist(centres[i], centres[t]) > 10 for t in taken)]
+            assert other == max(free, key=lambda i: row[i])
         near = [i for i in range(36) if np.hypot(*np.subtract(centres[i], centres[top])) <= spread]
         weights = {i: np.exp(row[i] - row[top]) for i in near}
         mean = sum(weights[i] * np.array(centres[i]) for i in near) / sum(weights.values())
         assert place == pytest.approx(mean, abs=1e-3)
+
+
+def test_candidates_change_no_feature_and_tell_the_logits_which_peak_shows_more() -> None:
+    torch.manual_seed(0)
+    network = SaliencyGlimpseExtractor(IMAGES, glimpses=1, candidates=3, patch=16, glance=16)
+    images = unit(cues(4)[0])
+    alone = SaliencyGlimpseExtractor(IMAGES, glimpses=1, candidates=1, patch=16, glance=16)
+    alone.load_state_dict(network.state_dict())
+    assert torch.equal(network(images), alone(images))
+
+    eye = Eye(images)
+    logits = torch.randn(4, 256, requires_grad=True)
+    peaks = network.grid.peaks(logits, 3)
+    each = torch.stack([network._show(eye, network._place(logits, peak)) for peak in peaks.T]).detach()
+    wish = torch.randn(128)
+    network._weighed(eye, logits, each[0]).matmul(wish).sum().backward()
+    weights, worth = logits.detach().gather(1, peaks).softmax(dim=1), (each @ wish).T.detach()
+    better = worth - (weights * worth).sum(dim=1, keepdim=True)  # than the mean of the peaks
+    by_hand = torch.zeros(4, 256).scatter(1, peaks, weights * better)
+    assert logits.grad is not None
+    torch.testing.assert_close(logits.grad, by_hand, atol=1e-5, rtol=1e-4)
 
 
 @settings(max_examples=15, deadline=None)

@@ -51,22 +51,32 @@ class PlaceGrid(nn.Module):
         }.items():
             self.register_buffer(name, table, persistent=False)
 
-    def soft_argmax(self, logits: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Where to look, and what that was chosen for.
+    def mean_around(self, logits: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
+        """Where to look around some places.
 
         Args:
-            logits: `(B, P)`; among equal ones the first counts as highest.
+            logits: `(B, P)`.
+            chosen: `(B,)`, numbers of places.
 
         Returns:
-            The mean place `(B, 2)` under the softmax of the logits within the spread of the highest, and
-            the number `(B,)` of the highest.
+            The mean place `(B, 2)` under the softmax of the logits within the spread of the chosen one.
         """
-        highest = logits.detach().argmax(dim=1)
         if not math.isfinite(self.spread):
-            return logits.softmax(dim=1) @ self.centres, highest
-        beside = self._beside[highest]
-        near = logits.gather(1, beside).masked_fill(~self._is_beside[highest], -torch.inf)
-        return (near.softmax(dim=1)[:, :, None] * self.centres[beside]).sum(dim=1), highest
+            return logits.softmax(dim=1) @ self.centres
+        beside = self._beside[chosen]
+        near = logits.gather(1, beside).masked_fill(~self._is_beside[chosen], -torch.inf)
+        return (near.softmax(dim=1)[:, :, None] * self.centres[beside]).sum(dim=1)
+
+    def peaks(self, logits: torch.Tensor, count: int) -> torch.Tensor:
+        """The highest places `(B, count)`, each outside what inhibition covers of those before.
+
+        Among equal logits `(B, P)` the first counts as highest.
+        """
+        left, found = logits.detach(), []
+        for _ in range(count):
+            found.append(left.argmax(dim=1))
+            left = left.masked_fill(self.around(found[-1]), -torch.inf)
+        return torch.stack(found, dim=1)
 
     def around(self, highest: torch.Tensor) -> torch.Tensor:
         """Which places `(B, P)` bool inhibition of return covers once these `(B,)` have been looked at."""

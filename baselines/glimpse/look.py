@@ -64,8 +64,12 @@ def check_choices(places: str, readout: str, beta: float, ponder: float) -> None
         raise ValueError(f"ponder is {ponder}; expected 0, or a number above 0 with readout='halting'")
 
 
-def check_sizes(glimpses: int, patch: int, glance: int, scales: tuple[int, ...], side: int) -> None:
+def check_sizes(
+    glimpses: int, candidates: int, patch: int, glance: int, scales: tuple[int, ...], side: int
+) -> None:
     """Refuse what images with a shorter side of `side` pixels cannot meet."""
+    if candidates < 1:
+        raise ValueError(f"candidates is {candidates}; expected at least 1, the place that is looked at")
     if glimpses < 1:
         raise ValueError(f"glimpses is {glimpses}; expected at least 1, or places='none'")
     if not scales or min(scales) < 1 or any(scale != int(scale) for scale in scales):

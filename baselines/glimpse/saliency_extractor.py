@@ -10,6 +10,11 @@ The soft-argmax of the logits is where a window is cut by bilinear interpolation
 and where updates the state; K times over. The state is the feature vector. Through the window the
 policy's own loss reaches place, query, keys and β.
 
+That gradient is blind beyond the window: it cannot tell that another peak of the map would have been
+the better one. So while it learns the network reads the next peaks as well, and the logits get the
+gradient of the mean of what all of them show (straight-through: what is passed on is what the highest
+peak shows, bit for bit, and a decision reads nothing else).
+
 It stands beside the thesis's saccade tree (chapter 8), which asks what is seen at one place
 after another, and shares with chapter 5 and 7 where to look first: bottom-up saliency, biased top
 down. Network: Mnih et al. 2014 (glimpses), Jaderberg et al. 2015 (windows differentiable in their place),
@@ -35,6 +40,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 from torch.nn import functional as F
 
+from attn_tree.vision.retina import metering
 from baselines.bank_extractor import channels_first, image_shape
 from baselines.glimpse.attention import INHIBITED, PlaceGrid
 from baselines.glimpse.conspicuity import GlanceSaliency
@@ -58,6 +64,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         places: how places are chosen, see the module.
         beta: β at the start, in logits for the most salient place of an image.
         learn_beta: whether it is learned (its logarithm is, so it stays positive).
+        candidates: peaks of the map that are weighed against each other while learning; 1 for none.
         inhibition: what places already looked at lose, in logits, within half a window; 0 lets
             the gaze return.
         spread: radius around the maximum over which the place is a mean, pixels; None for a
@@ -94,6 +101,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         places: SaliencyPlaces = "learned",
         beta: float = 20.0,
         learn_beta: bool = True,
+        candidates: int = 3,
         inhibition: float = INHIBITED,
         spread: float | None = None,
         readout: Readout = "last",
@@ -105,7 +113,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         channels, height, width = shape
         side = min(height, width)
         check_choices(places, readout, beta, ponder)
-        check_sizes(glimpses if places != "none" else 1, patch, glance, tuple(scales), side)
+        check_sizes(glimpses if places != "none" else 1, candidates, patch, glance, tuple(scales), side)
         super().__init__(observation_space, hidden)
         self.image_shape = shape  # (C, H, W)
         self.glimpses = 0 if places == "none" else glimpses
@@ -143,7 +151,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         else:
             radius = patch / 4 if spread is None else spread
             self.grid = PlaceGrid(glance, width, height, radius, patch / 2)
-            self.inhibition = inhibition
+            self.inhibition, self.candidates = inhibition, candidates
             self._set_up_logits(channels, hidden, beta, learn_beta)
 
     def _set_up_logits(self, channels: int, hidden: int, beta: float, learn_beta: bool) -> None:
@@ -237,12 +245,34 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
 
     def look_again(self, look: Look) -> None:
         """Choose the place of the next window, read it, and take it in."""
-        k = len(look.places)
-        place = self._locate(look) if look.given is None else look.given[:, k]
-        windows = [look.eye.window(self._rescaled(place, s), self.patch, scale=s) for s in self.scales]
-        what = self.see_patch(torch.cat(windows, dim=1) - 0.5)
-        look.state = self.state(torch.relu(what + self.see_place(place)), look.state)
+        if look.given is not None:
+            place = look.given[:, len(look.places)]
+            shown = self._show(look.eye, place)
+        else:
+            logits = self.logits(look)
+            place, highest = self._locate(logits, look)
+            shown = self._show(look.eye, place)
+            if self.candidates > 1 and logits.requires_grad and not metering():
+                shown = self._weighed(look.eye, logits, shown)
+            around = self.grid.around(highest)
+            look.visited = around if look.visited is None else look.visited | around
+        look.state = self.state(torch.relu(shown), look.state)
         look.places.append(place.detach())
+
+    def _show(self, eye: Eye, place: torch.Tensor) -> torch.Tensor:
+        """What and where `(B, hidden)`: the windows at places `(B, 2)` in [-1, 1]."""
+        windows = [eye.window(self._rescaled(place, s), self.patch, scale=s) for s in self.scales]
+        shown: torch.Tensor = self.see_patch(torch.cat(windows, dim=1) - 0.5) + self.see_place(place)
+        return shown
+
+    def _weighed(self, eye: Eye, logits: torch.Tensor, shown: torch.Tensor) -> torch.Tensor:
+        """What the highest peak shows, with the gradient in the logits of the mean over several peaks."""
+        peaks = self.grid.peaks(logits, self.candidates)
+        weights = logits.gather(1, peaks).softmax(dim=1)
+        with torch.no_grad():
+            others = [self._show(eye, self._place(logits, peak)) for peak in peaks.T[1:]]
+            each = torch.stack([shown, *others], dim=1)
+        return shown + ((weights - weights.detach())[:, :, None] * each).sum(dim=1)
 
     def _keys(self, glance: torch.Tensor) -> torch.Tensor:
         """Keys `(B, side, side, d)` of places half as far apart as the glance's, from 4 × 4 of its values."""
@@ -266,15 +296,17 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
             logits = logits.detach()
         return logits if look.visited is None else logits - self.inhibition * look.visited
 
-    def _locate(self, look: Look) -> torch.Tensor:
-        """The next place `(B, 2)` in [-1, 1]; from then on it counts as visited."""
-        logits = self.logits(look)
+    def _locate(self, logits: torch.Tensor, look: Look) -> tuple[torch.Tensor, torch.Tensor]:
+        """The next place `(B, 2)` in [-1, 1], and the number `(B,)` of the highest logit."""
         if not torch.is_grad_enabled():
             chances = logits.softmax(dim=1)
             look.entropies.append(torch.special.entr(chances).sum(dim=1))
-        centres, highest = self.grid.soft_argmax(logits)
-        around = self.grid.around(highest)
-        look.visited = around if look.visited is None else look.visited | around
+        highest = logits.detach().argmax(dim=1)
+        return self._place(logits, highest), highest
+
+    def _place(self, logits: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
+        """Where `(B, 2)` in [-1, 1] to put a window to look around the chosen numbers `(B,)`."""
+        centres = self.grid.mean_around(logits, chosen)
         sides = centres.new_tensor([self.image_shape[2], self.image_shape[1]])
         return _bounded((2 * centres / sides - 1) / self._reach(1))
 
