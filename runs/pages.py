@@ -5,7 +5,8 @@
 
 The lines of a page between `<!-- scores: NAME -->` and `<!-- end -->` are replaced by table
 NAME of `TABLES` below, those between `<!-- thesis: NAME -->` and `<!-- end -->` by the tables
-of that experiment of `runs/experiments/`. A page shows `figures/<experiment>-<file>`
+of that experiment of `runs/experiments/`, those between `<!-- reliability: counts -->` and `<!-- end -->`
+by the committed counts of `python -m runs.reliability`. A page shows `figures/<experiment>-<file>`
 where it likes; all figures of committed experiments are drawn anew from their lines.
 """
 
@@ -22,14 +23,15 @@ from runs.compare import RESULTS
 from runs.experiments.experiment import Experiment, Line
 from runs.experiments.store import Fingerprints, Store
 from runs.record import RecordError
+from runs.reliability.row import read_counts
 from runs.report import collect
 from runs.tables import Row, TaskTable, task_tables
 from runs.thesis import source
-from runs.wording import estimate, number
+from runs.wording import duration, estimate, markdown_cell, number
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures"
-_BLOCK = re.compile(r"(<!-- (scores|thesis): ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_BLOCK = re.compile(r"(<!-- (scores|thesis|reliability): ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 @cache
@@ -187,6 +189,33 @@ def thesis_tables(name: str) -> str:
     return "\n\n".join([*tables, source(experiment, lines)])
 
 
+def reliability() -> str:
+    """What was done on purpose, and how often what must hold did."""
+    path = RESULTS / "reliability.jsonl"
+    if not path.exists():
+        raise cli.UserMistake(
+            f"{path.name}: nothing is committed; run `python -m runs.reliability --publish`"
+        )
+    counts = read_counts(path)
+    head = ["what is done", "what must hold", "held / tried", "inputs"]
+    rows = [
+        [
+            each.does,
+            each.holds,
+            f"{each.held} / {each.trials - each.skipped}"
+            + (f" ({each.skipped} skipped: {markdown_cell(each.reason)})" if each.skipped else ""),
+            number(each.inputs),
+        ]
+        for each in counts
+    ]
+    failed = [f"- {each.row}, {markdown_cell(text)}" for each in counts for text in each.failed]
+    commits = sorted({(each.git_commit or "outside version control")[:7] for each in counts})
+    where = f"`{counts[0].command}`: {duration(sum(each.cpu_s for each in counts))} of CPU, computed at "
+    parts = [_markdown(head, rows), "What did not hold:\n\n" + "\n".join(failed) if failed else "", where]
+    parts[-1] += ", ".join(f"`{commit}`" for commit in commits) + "."
+    return "\n\n".join(part for part in parts if part)
+
+
 def filled(text: str) -> str:
     """A page with its blocks made anew.
 
@@ -198,6 +227,8 @@ def filled(text: str) -> str:
         begin, kind, name, end = match.groups()
         if kind == "thesis":
             return f"{begin}{thesis_tables(name)}\n{end}"
+        if kind == "reliability":
+            return f"{begin}{reliability()}\n{end}"
         return f"{begin}{TABLES[cli.known('table', name, list(TABLES))]()}\n{end}"
 
     return _BLOCK.sub(fill, text)

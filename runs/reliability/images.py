@@ -83,7 +83,7 @@ def refusing(name: str, data: Callable[[], bytes], trial: Trial) -> None:
 
 
 def showing(name: str, save: Callable[[Image.Image, io.BytesIO], None], close: float, trial: Trial) -> None:
-    """An unusual image that must be shown as what it is; `close` is the mean difference in grey levels allowed."""
+    """An unusual image, shown as what it is: `close` is the mean difference in grey levels allowed."""
     out = io.BytesIO()
     save(_picture(), out)
     image = read(trial.folder, _folder(trial.folder, name, out.getvalue()))
@@ -139,7 +139,8 @@ def _cmyk(kind: str, picture: Image.Image, out: io.BytesIO) -> None:
 
 def _postscript() -> bytes:
     """A program, which some readers of images hand to an interpreter."""
-    return b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 40 40\n%%EndComments\n(out) (w) file closefile\nshowpage\n"
+    head = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 40 40\n%%EndComments\n"
+    return head + b"(out) (w) file closefile\nshowpage\n"
 
 
 _LINE = "one clear line names the file"
@@ -203,7 +204,7 @@ ROWS = (
     ),
     Row(
         "small-bomb",
-        "a bomb just below what Pillow refuses: 170 million pixels",
+        "a bomb that Pillow only warns of: 170 million pixels",
         _LINE,
         partial(refusing, "view.png", partial(png, 17000, 10000, 0, 1)),
         1,

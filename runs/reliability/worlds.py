@@ -35,7 +35,7 @@ class Corridor(gym.Env[np.ndarray, int]):
 
     def __init__(self, fault: str, after: int = 100) -> None:
         self.observation_space = gym.spaces.Box(0, 4, (1,), np.float32)
-        self.action_space = gym.spaces.Discrete(2)
+        self.action_space: gym.Space[Any] = gym.spaces.Discrete(2)
         self.fault, self.after, self._steps, self._place = fault, after, 0, 0
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[np.ndarray, dict[str, Any]]:
