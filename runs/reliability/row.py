@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from runs import cli, record
+from runs import cli, parallel, record
 from runs.record import RecordError
 
 
@@ -98,7 +98,8 @@ def attempt(row: Row, number: int, seed: int, folder: Path) -> Outcome:
     error = skipped = None
     cpu, wall = _cpu(), time.perf_counter()
     try:
-        row.trial(Trial(number, np.random.default_rng(key), folder))
+        with parallel.one_thread():
+            row.trial(Trial(number, np.random.default_rng(key), folder))
     except Skipped as reason:
         skipped = cli.one_line(reason)
     except Exception as reason:
