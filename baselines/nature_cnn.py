@@ -19,7 +19,7 @@ from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.torch_layers import NatureCNN
 from stable_baselines3.common.type_aliases import GymEnv
 
-from attn_tree.vision.retina import TensorRetina
+from attn_tree.vision.tensor_retina import TensorRetina
 from baselines.bank_extractor import channels_first, image_kwargs, image_shape, open_env
 from baselines.settings import dqn_settings, ppo_settings
 

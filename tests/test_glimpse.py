@@ -63,7 +63,7 @@ def test_window_gradient_finds_the_bright_spot() -> None:
     """Climbing the mean of the window moves the gaze to the light: (x, y) is not (y, x)."""
     y, x = torch.meshgrid(torch.linspace(-1, 1, 128), torch.linspace(-1, 1, 128), indexing="ij")
     image = torch.exp(-((x - 0.5) ** 2 + (y + 0.25) ** 2) / 0.3).expand(1, 3, -1, -1)
-    from attn_tree.vision.retina import TensorRetina
+    from attn_tree.vision.tensor_retina import TensorRetina
 
     place = torch.zeros(1, 2, requires_grad=True)
     for _ in range(200):

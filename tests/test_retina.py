@@ -8,7 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from attn_tree.vision.retina import Retina, TensorRetina, meter, metering
+from attn_tree.vision.retina import Retina, meter, metering
+from attn_tree.vision.tensor_retina import TensorRetina
 
 
 def _image(height: int = 48, width: int = 64) -> np.ndarray:

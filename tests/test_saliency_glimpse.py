@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from attn_tree.vision.retina import TensorRetina, meter
+from attn_tree.vision.retina import meter
 from attn_tree.vision.saliency import saliency_map
+from attn_tree.vision.tensor_retina import TensorRetina
 from baselines.glimpse import GlimpseLogger, SaliencyGlimpseDQN, SaliencyGlimpseExtractor, SaliencyGlimpsePPO
 from baselines.glimpse.attention import PlaceGrid
 from baselines.glimpse.bank import GlimpseBank

@@ -1,7 +1,7 @@
 """The only door to pixels, and the meter on it (thesis eq. 8.1).
 
 A method reads an image through a `Retina` (one image, NumPy) or a `TensorRetina`
-(a batch, torch, differentiable in the place). Each reading is entered in a
+(`tensor_retina`: a batch, torch, differentiable in the place). Each reading is entered in a
 `Ledger`, under *selection* (finding where to look) or *recognition* (what is
 computed at the places chosen), with the number of values taken in at the
 resolution at which they are taken in. `meter()` collects the ledgers of
@@ -33,8 +33,6 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-import torch
-from torch.nn import functional as F
 
 Stage = Literal["selection", "recognition"]
 
@@ -269,78 +267,3 @@ class Retina:
         """Enter a reading at native coordinates."""
         x, y = self._corner
         self.ledger.enter(left + x, top + y, right + x, bottom + y, values, stage)
-
-
-class TensorRetina:
-    """Reads a batch of images; windows are differentiable in their place.
-
-    Args:
-        images: `(B, C, H, W)` float tensor.
-
-    Ledgers are kept per image and only while a meter runs, so that training pays
-    nothing for them.
-    """
-
-    def __init__(self, images: torch.Tensor) -> None:
-        if images.ndim != 4 or not images.is_floating_point():
-            raise ValueError(
-                f"a batch must be float with shape (B, C, H, W), not {images.dtype} {tuple(images.shape)}"
-            )
-        self._images = images
-        self.height, self.width = int(images.shape[2]), int(images.shape[3])
-        self.ledgers = [open_ledger(self.width, self.height) for _ in images] if metering() else []
-
-    def __len__(self) -> int:
-        return self._images.shape[0]
-
-    def whole(self, stage: Stage = "recognition") -> torch.Tensor:
-        """The whole images, `(B, C, H, W)`."""
-        for ledger in self.ledgers:
-            ledger.enter(0, 0, self.width, self.height, self.width * self.height, stage)
-        return self._images
-
-    def glance(self, size: int, stage: Stage = "selection") -> torch.Tensor:
-        """The images binned to `size` × `size`, `(B, C, size, size)`."""
-        for ledger in self.ledgers:
-            ledger.enter(0, 0, self.width, self.height, size * size, stage)
-        return F.interpolate(self._images, (size, size), mode="area")
-
-    def window(
-        self, places: torch.Tensor, size: int, stage: Stage = "recognition", scale: float = 1.0
-    ) -> torch.Tensor:
-        """Bilinear windows at `places`, `(B, C, size, size)`.
-
-        Args:
-            places: `(B, 2)` in [-1, 1], (x, y); ±1 puts the window at the border
-                of the image, never outside it.
-            size: values per side.
-            scale: native pixels per value; 2 covers twice the width at half the resolution.
-        """
-        extent_x, extent_y = min(1.0, size * scale / self.width), min(1.0, size * scale / self.height)
-        reach = places.new_tensor([1 - extent_x, 1 - extent_y])
-        centers = places * reach
-        steps = (torch.arange(size, device=places.device, dtype=places.dtype) + 0.5) * (2 / size) - 1
-        grid = torch.stack(torch.meshgrid(steps * extent_x, steps * extent_y, indexing="xy"), dim=-1)
-        self._enter_windows(centers, extent_x, extent_y, size, stage)
-        return F.grid_sample(
-            self._images,
-            centers[:, None, None, :] + grid,
-            mode="bilinear",
-            padding_mode="border",
-            align_corners=False,
-        )
-
-    def _enter_windows(
-        self, centers: torch.Tensor, extent_x: float, extent_y: float, size: int, stage: Stage
-    ) -> None:
-        if not self.ledgers:
-            return
-        for ledger, (x, y) in zip(self.ledgers, centers.detach().tolist(), strict=True):
-            ledger.enter(
-                max(int(np.floor((x - extent_x + 1) / 2 * self.width)), 0),
-                max(int(np.floor((y - extent_y + 1) / 2 * self.height)), 0),
-                min(int(np.ceil((x + extent_x + 1) / 2 * self.width)), self.width),
-                min(int(np.ceil((y + extent_y + 1) / 2 * self.height)), self.height),
-                size * size,
-                stage,
-            )

@@ -29,7 +29,7 @@ import torch
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from attn_tree.vision.retina import TensorRetina
+from attn_tree.vision.tensor_retina import TensorRetina
 from baselines.bank_extractor import channels_first, image_shape
 from baselines.glimpse.places import fixed_places, hash_salt, hashed_places
 

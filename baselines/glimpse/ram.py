@@ -19,7 +19,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from attn_tree.vision.retina import TensorRetina
+from attn_tree.vision.tensor_retina import TensorRetina
 
 Batch = tuple[np.ndarray, np.ndarray]
 
