@@ -79,7 +79,9 @@ class Foreign(gym.Env[np.ndarray, np.int64]):
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One decision."""
         if not self.action_space.contains(action):
-            raise ValueError(f"action is {action!r}; expected a whole number from 0 to {self.action_space.n - 1}")
+            raise ValueError(
+                f"action is {action!r}; expected a whole number from 0 to {self.action_space.n - 1}"
+            )
         frame, reward, terminated, truncated, _ = self.inner.step(self._actions[int(action)])
         return self._small(frame), float(reward), bool(terminated), bool(truncated), {}
 
@@ -118,8 +120,9 @@ def lava_gap(render_mode: str | None = None) -> Foreign:
 def freeway(render_mode: str | None = None) -> Foreign:
     """Atari's Freeway: a chicken wants to the other side, 84 × 84 pixels.
 
-    Actions: wait, go up (down is left out: those who act at random then arrive at times). Each lasts 8 frames; with
-    a probability of 0.25 a frame repeats the action before instead, as is usual. Reward 1 on the other side.
+    Actions: wait, go up (down is left out: those who act at random then arrive at times). Each lasts 8
+    frames; with a probability of 0.25 a frame repeats the action before instead, as is usual. Reward 1 on
+    the other side.
 
     Raises:
         ValueError: `ale-py` is not installed.
@@ -137,8 +140,8 @@ def freeway(render_mode: str | None = None) -> Foreign:
 def car_racing(render_mode: str | None = None) -> Foreign:
     """Gymnasium's CarRacing with discrete actions: 96 × 96 pixels, the car's gauges among them.
 
-    Actions: nothing, steer right, steer left, gas, brake. Each lasts 8 frames. Reward −0.1 a frame, and 1000 / n
-    for each of the n tiles of the track when it is first met.
+    Actions: nothing, steer right, steer left, gas, brake. Each lasts 8 frames. Reward −0.1 a frame, and
+    1000 / n for each of the n tiles of the track when it is first met.
 
     Raises:
         ValueError: Box2D (or pygame) is not installed.
