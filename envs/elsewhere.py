@@ -1,6 +1,6 @@
 """Environments nobody here wrote, in this project's form: small RGB images, a few actions, a time limit.
 
-    elsewhere/LavaGap-v0     MiniGrid: through the gap in a river of lava, a new gap each episode (partial view)
+    elsewhere/LavaGap-v0     MiniGrid: through the gap in a river of lava, which moves (partial view)
     elsewhere/Freeway-v0     an Atari game of ALE: across a road with ten lanes of cars
     elsewhere/CarRacing-v0   Gymnasium's Box2D: along a track, a new track each episode
 
@@ -17,7 +17,7 @@ over areas, where they are not small; (4) episodes are short: a time-out is a tr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import gymnasium as gym
@@ -59,7 +59,7 @@ class Foreign(gym.Env[np.ndarray, np.int64]):
         render_mode: "rgb_array" shows what `inner` renders.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
         self, inner: gym.Env[Any, Any], actions: Sequence[int], size: int, render_mode: str | None = None
@@ -80,7 +80,7 @@ class Foreign(gym.Env[np.ndarray, np.int64]):
         """One decision."""
         if not self.action_space.contains(action):
             raise ValueError(
-                f"action is {action!r}; expected a whole number from 0 to {self.action_space.n - 1}"
+                f"action is {action!r}; expected a whole number from 0 to {self.action_space.n - 1}"  # type: ignore[attr-defined]
             )
         frame, reward, terminated, truncated, _ = self.inner.step(self._actions[int(action)])
         return self._small(frame), float(reward), bool(terminated), bool(truncated), {}
@@ -117,7 +117,7 @@ def lava_gap(render_mode: str | None = None) -> Foreign:
     return Foreign(seen, (0, 1, 2), 7 * LAVA_TILE, render_mode)
 
 
-def freeway(render_mode: str | None = None) -> Foreign:
+def freeway(render_mode: Literal["rgb_array"] | None = None) -> Foreign:
     """Atari's Freeway: a chicken wants to the other side, 84 × 84 pixels.
 
     Actions: wait, go up (down is left out: those who act at random then arrive at times). Each lasts 8
@@ -160,12 +160,13 @@ def car_racing(render_mode: str | None = None) -> Foreign:
             return super()._render(mode) if self._drawing or mode != "state_pixels" else self.state
 
         def step(self, action: Any) -> Any:
-            if action is None:  # from `reset`
-                return super().step(action)
+            given: Any = action
+            if given is None:  # from `reset`
+                return super().step(given)  # type: ignore[arg-type]
             earned = 0.0
             for left in reversed(range(CAR_REPEAT)):
                 self._drawing = left == 0
-                state, reward, terminated, truncated, info = super().step(action)
+                state, reward, terminated, truncated, info = super().step(given)
                 earned += reward
                 if terminated or truncated:
                     break
