@@ -2,10 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 from runs.statistics import Estimate
+
+# Brackets and stars stand in braces: the end of a row, `\\`, takes them for its arguments otherwise.
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    **{mark: f"\\{mark}" for mark in "&%$#_{}"},
+    **{mark: f"{{{mark}}}" for mark in "[]*"},
+    "`": r"\textasciigrave{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    "–": r"\textendash{}",
+    "—": r"\textemdash{}",
+    "−": "$-$",
+    "×": r"$\times$",
+    "·": r"$\cdot$",
+    "τ": r"$\tau$",
+    "β": r"$\beta$",
+}
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -47,6 +68,34 @@ def markdown_cell(text: Any) -> str:
     for mark in "\\`*_[]|!#":
         plain = plain.replace(mark, f"\\{mark}")
     return plain
+
+
+def latex_cell(text: Any) -> str:
+    """Text that LaTeX sets as it stands: no command, no table mark, no ligature, no argument of `\\\\`.
+
+    A hyphen before a number becomes a minus; a letter that pdfLaTeX may not know, its code `U+…`.
+    """
+    plain = " ".join(str(text).split())
+    plain = re.sub(r"(?<![^\s\[])-(?=[\d.])", "−", plain)
+    shown = "".join(map(_latex_letter, plain))
+    return re.sub(r"([-,'])(?=\1)", r"\1{}", shown)
+
+
+def _latex_letter(letter: str) -> str:
+    if letter in _LATEX:
+        return _LATEX[letter]
+    known = (letter.isascii() and letter.isprintable()) or ("À" <= letter <= "ÿ" and letter.isalpha())
+    return letter if known else f"U+{ord(letter):04X}"
+
+
+def csv_cell(value: Any) -> Any:
+    """A value for CSV: nothing for None, numbers in full, text that no spreadsheet takes for a formula."""
+    if value is None:
+        return ""
+    if not isinstance(value, str):
+        return value
+    plain = " ".join(value.split())
+    return f"'{plain}" if plain[:1] in ("=", "+", "-", "@") else plain
 
 
 def duration(seconds: float) -> str:

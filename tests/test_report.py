@@ -1,5 +1,6 @@
 """The report: right figures, everything escaped, nothing fetched, nothing hidden."""
 
+import csv
 import json
 import re
 from html.parser import HTMLParser
@@ -8,10 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from runs import record, report
 from runs.record import Record
 from runs.tables import task_tables
+from runs.wording import latex_cell
 
 EVIL = "<script>alert(1)</script>|`x`](http://evil.example)$\\frac{$"
 
@@ -78,7 +82,7 @@ def test_page_escapes_and_asks_for_nothing(tmp_path: Path) -> None:
     runs += [run("STree", s, variant=EVIL) for s in range(2)]
     folder = folder_of(tmp_path, runs, title=EVIL, purpose=EVIL, command=EVIL, reference=EVIL)
     record.write_atomically(folder / "m" / "e" / "v" / "0" / "tree.png", b"no png")
-    html_path, markdown_path = report.write_report(folder)
+    html_path, markdown_path, latex_path = report.write_report(folder)[:3]
     page = Page()
     page.feed(html_path.read_text())
     assert "script" not in page.tags and "a" not in page.tags
@@ -90,6 +94,55 @@ def test_page_escapes_and_asks_for_nothing(tmp_path: Path) -> None:
     assert not re.search(r"(?<!\\)(\]\(http|`x)", markdown.replace("`" + EVIL.replace("`", "") + "`", ""))
     rows = [re.sub(r"\\.", "", line) for line in markdown.splitlines() if line.startswith("| ")]
     assert {row.count("|") for row in rows} <= {11, 16}
+    latex = latex_path.read_text()
+    rows = [line for line in latex.splitlines() if line.endswith(r" \\")]
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in rows if not row.startswith(("P(", "leaves"))} <= {
+        9,
+        14,
+    }
+    assert "\\frac" not in latex and latex.count("textbackslash{}frac") >= 8
+    assert latex.count("{") - latex.count("\\{") == latex.count("}") - latex.count("\\}")
+
+
+UNESCAPED = {"{[}": "[", "{]}": "]", "{*}": "*", "$-$": "−", r"$\times$": "×", r"$\cdot$": "·"}
+UNESCAPED |= {r"$\tau$": "τ", r"$\beta$": "β"} | {f"\\{mark}": mark for mark in "&%$#_{}"}
+UNESCAPED |= {r"\textbackslash{}": "\\", r"\textasciitilde{}": "~", r"\textasciicircum{}": "^"}
+UNESCAPED |= {r"\textless{}": "<", r"\textgreater{}": ">", r"\textbar{}": "|", r"\textasciigrave{}": "`"}
+UNESCAPED |= {r"\textendash{}": "–", r"\textemdash{}": "—", "-{}": "-", ",{}": ",", "'{}": "'"}
+PARTS = sorted(map(re.escape, UNESCAPED), key=len, reverse=True)
+LATEX = re.compile("|".join([*PARTS, r"[^\\{}$&#%_^~<>|`*\[\]]"]))
+
+
+@given(st.one_of(st.text(), st.text("\\{}$&#%_^~<>|`*[]-,'\" \n\t0a–−×τ")))
+@settings(max_examples=400, deadline=None)
+def test_latex_says_the_text_and_nothing_else(text: str) -> None:
+    """Split into known escapes and harmless letters, with nothing over, it reads as it did."""
+    cell = latex_cell(text)
+    parts = LATEX.findall(cell)
+    assert "".join(parts) == cell and not re.search(r"--|,,|''|\n", cell)
+    said = "".join(UNESCAPED.get(part, part) for part in parts)
+    plain = " ".join(text.split())
+    codes = (c if c in _SET or (c.isascii() and c.isprintable()) else f"U+{ord(c):04X}" for c in plain)
+    assert said.replace("−", "-") == "".join(codes).replace("−", "-")
+
+
+_SET = {*UNESCAPED.values(), *(chr(c) for c in range(0xC0, 0x100) if chr(c).isalpha())}
+
+
+def test_csv_holds_every_figure(tmp_path: Path) -> None:
+    runs = [run(method, seed, operations={"taps": 3.5}) for method in ("STree", "=1+1") for seed in range(3)]
+    report.write_report(folder_of(tmp_path, runs, tasks=[["attn_tree/Toy-v0", "plain", "", ["STree"]]]))
+    rows = list(csv.DictReader((tmp_path / "report.csv").read_text().splitlines()))
+    (table,) = task_tables(runs, [], {}, "STree")
+    ours = next(row for row in table.rows if row.method == "STree")
+    assert [row["method"] for row in rows] == ["STree", "'=1+1"] and rows[0]["runs"] == "3"
+    assert ours.return_heldout is not None
+    assert float(rows[0]["return_heldout_low"]) == ours.return_heldout.low
+    assert float(rows[0]["return_heldout"]) == ours.return_heldout.value and rows[0]["depth"] == ""
+    rows = list(csv.DictReader((tmp_path / "report-runs.csv").read_text().splitlines()))
+    mine = {int(r["seed"]): float(r["return_mean_heldout"]) for r in rows if r["method"] == "STree"}
+    assert mine == {each.seed: each.return_mean_heldout for each in runs if each.method == "STree"}
+    assert {row["operations.taps"] for row in rows} == {"3.5"}
 
 
 def test_same_scores_same_report(tmp_path: Path) -> None:

@@ -1,0 +1,108 @@
+"""All that a report shows, collected from a folder of runs or a `.jsonl` file of committed scores."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from runs import cli, record
+from runs.methods import METHODS
+from runs.record import Record, RecordError
+from runs.report_pictures import Picture, drawings_of, plots_of, plots_overall
+from runs.study import Header, load_study, study_names
+from runs.tables import TaskTable, task_tables, values
+
+
+@dataclass(frozen=True)
+class Contents:
+    """All that a report shows."""
+
+    header: Header
+    tables: list[TaskTable]
+    records: list[Record]
+    missing: list[str]
+    plots: dict[str, list[Picture]] = field(default_factory=dict)  # by title of the task
+    drawings: dict[str, list[Picture]] = field(default_factory=dict)
+    overall: list[Picture] = field(default_factory=list)
+
+    @property
+    def commits(self) -> list[str]:
+        """Commits that the scores were made at."""
+        return sorted({run.git_commit or "not under version control" for run in self.records})
+
+    @property
+    def cpu_hours(self) -> float:
+        """CPU hours of training."""
+        return float(values(self.records, "train_cpu_s").sum() / 3600)
+
+
+def collect(source: Path) -> tuple[Header, list[Record], dict[tuple[Any, ...], Path]]:
+    """The header of a study, its records, and the folder of each record that has one.
+
+    Raises:
+        RecordError: nothing is there, or a file is damaged.
+    """
+    folders: dict[tuple[Any, ...], Path] = {}
+    if source.is_file():
+        records = record.read_lines(source)
+    else:
+        records = []
+        for path in sorted(source.glob("*/*/*/*/result.json")):
+            records.append(record.read(path))
+            folders[records[-1].key] = path.parent
+        committed = source / "committed.jsonl"
+        if committed.exists():
+            records += [run for run in record.read_lines(committed) if run.key not in folders]
+    if not records:
+        raise RecordError(
+            f"{source}: no result.json of a whole run in it; run `python -m runs.compare` first"
+        )
+    records.sort(key=lambda run: run.seed)
+    return _header(source, records[0].study), records, folders
+
+
+def contents(source: Path, pictures: bool = True) -> Contents:
+    """Everything that the report of `source` shows; without plots and drawings if asked."""
+    header, records, folders = collect(source)
+    notes = {(env, variant): note for env, variant, note, _ in header.tasks}
+    tables = task_tables(records, header.methods or list(METHODS), notes, header.reference)
+    found = Contents(header, tables, records, _missing(header, records))
+    if pictures:
+        for table in tables:
+            found.plots[table.title] = plots_of(table)
+            found.drawings[table.title] = drawings_of(table, folders)
+        found.overall.extend(plots_overall(tables))
+    return found
+
+
+def _header(source: Path, name: str) -> Header:
+    """The header beside the runs; of committed scores, that of the study as it is now."""
+    path = source / "study.json"
+    if source.is_dir() and path.exists():
+        try:
+            return Header.from_json(json.loads(record.read_bounded(path)))
+        except RecordError:
+            raise
+        except (ValueError, RecursionError) as error:
+            reason = cli.one_line(error)[:100]
+            raise RecordError(f"{path}: no header of a study ({reason}); run the study again") from None
+    if name in study_names():
+        return Header.of(load_study(name))
+    return Header(name)
+
+
+def _missing(header: Header, records: Sequence[Record]) -> list[str]:
+    """Runs of the study that have no score yet, in words."""
+    seeds = defaultdict(set)
+    for run in records:
+        seeds[run.method, run.env, run.variant].add(run.seed)
+    return [
+        f"{method} on {env}, {variant}: {lacking} of {header.seeds} runs"
+        for env, variant, _, methods in header.tasks
+        for method in methods
+        if (lacking := header.seeds - len(seeds[method, env, variant])) > 0
+    ]
