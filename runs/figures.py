@@ -8,13 +8,21 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import (
+    EngFormatter,
+    FixedLocator,
+    LogLocator,
+    NullFormatter,
+    NullLocator,
+    StrMethodFormatter,
+)
 
 from runs.methods import METHODS
 from runs.record import Record
@@ -85,42 +93,73 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
 
     Args:
         table: the task.
-        cost: a figure of the record, drawn on a logarithmic axis; methods without it or
-            with 0 are left out.
+        cost: a figure of its rows, drawn on a logarithmic axis; methods without it or
+            with 0 are left out, those with 0 named under the axis.
         label: of that axis.
     """
     figure, axes = _figure(7.5, 4.2)
-    points = []
-    for name, runs in _by_method(table.records).items():
-        paid, seen = values(runs, cost), values(runs, "return_mean")
-        heldout = values(runs, "return_mean_heldout")
-        if not (paid.size and seen.size) or paid.mean() <= 0:
+    points, returns = [], []
+    for row in table.rows:
+        x, seen, heldout = getattr(row, cost), row.return_mean, row.return_heldout
+        if seen is None or not x:
             continue
-        x, style = float(paid.mean()), _style(name) | {"linestyle": "none", "markersize": 9}
-        if heldout.size:
-            axes.plot([x, x], [iqm(heldout), iqm(seen)], color="#bbbbbb", linewidth=1, zorder=1)
-            axes.plot(x, iqm(seen), fillstyle="none", **style)
-        earned = iqm(heldout if heldout.size else seen)
-        axes.plot(x, earned, label=_plain(name), **style)
+        style = _style(row.method) | {"linestyle": "none", "markersize": 9}
+        if heldout is not None:
+            axes.plot([x, x], [heldout.value, seen.value], color="#bbbbbb", linewidth=1, zorder=1)
+            axes.plot(x, seen.value, fillstyle="none", **style)
+        earned = (heldout or seen).value
+        axes.plot(x, earned, label=_plain(row.method), **style)
         points.append((x, earned))
+        returns += [seen.value, earned]
     front: list[tuple[float, float]] = []
     for x, earned in sorted(points, key=lambda point: (point[0], -point[1])):
         if not front or earned > front[-1][1]:
             front.append((x, earned))
     if len(front) > 1:
         axes.step(*zip(*front, strict=True), where="post", color="#777777", linewidth=1, zorder=0)
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel(label)
+    _logarithmic(axes.xaxis, [x for x, _ in points])
+    axes.set_xlabel("\n".join([label, *map(_plain, textwrap.wrap(left_out(table, cost), 80))]))
     axes.set_ylabel("return (IQM); filled: held out, hollow: seen")
-    if points and min(earned for _, earned in points) < -5:
-        axes.set_yscale("symlog", linthresh=1)
     axes.margins(y=0.08)
+    if spans_decades(returns):
+        _symmetric(axes, returns)
     if points:
         axes.set_xlim(min(x for x, _ in points) / 2, max(x for x, _ in points) * 2)
     return _svg(figure, axes)
+
+
+def left_out(table: TaskTable, cost: str) -> str:
+    """Which methods a logarithmic axis of `cost` cannot show because theirs is 0, in words; or nothing."""
+    names = [row.method for row in table.rows if getattr(row, cost) == 0 and row.return_mean is not None]
+    return f"Not on this axis, with 0: {', '.join(names)}" if names else ""
+
+
+def spans_decades(returns: Sequence[float]) -> bool:
+    """Whether a linear axis would press most returns together: 30 times as far from 0 as the middle one."""
+    sizes = np.abs(returns)
+    return bool(sizes.size) and float(sizes.max()) > 30 * max(1.0, float(np.median(sizes)))
+
+
+def _logarithmic(axis: Any, shown: Sequence[float]) -> None:
+    """Ticks at 1, 2 and 5 of each decade, over many decades at each alone, written as people do."""
+    axis.axes.set_xscale("log")
+    wide = len(shown) > 0 and max(shown) > 2000 * min(shown)
+    axis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
+    large = len(shown) > 0 and max(shown) >= 1000
+    axis.set_major_formatter(EngFormatter(sep="") if large else StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _symmetric(axes: Any, returns: Sequence[float]) -> None:
+    """An axis of returns linear between -1 and 1 and logarithmic beyond, with a tick a decade."""
+    axes.set_yscale("symlog", linthresh=1)
+    decades = [10.0**k for k in range(12) if 10.0**k <= 2 * max(map(abs, returns))]
+    low, high = min(returns), max(returns)
+    ticks = [tick for tick in [*(-d for d in decades), 0.0, *decades] if 2 * min(low, -1) <= tick]
+    axes.yaxis.set_major_locator(FixedLocator([tick for tick in ticks if tick <= 2 * max(high, 1)]))
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(1.4 * low if low < -1 else low - 0.3, 1.4 * high if high > 1 else high + 0.3)
 
 
 def profiles(tables: Sequence[TaskTable]) -> str:

@@ -21,6 +21,12 @@ from runs.wording import number
 LARGEST_PICTURE = 30_000_000  # bytes of a file
 MOST_PIXELS = 100_000_000
 WIDEST = 1400  # pixels of a drawing on the page
+#: Figures of a row that returns are drawn against.
+COSTS = {
+    "pixel_fraction": "pixels read per decision / pixels of the image",
+    "milliseconds": "cold milliseconds per decision (median)",
+    "operations": "operations per decision (MACs of a network; a tree's taps, votes, distance terms)",
+}
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,7 @@ class Picture:
     alt: str
     data: bytes
     kind: str = "svg+xml"
+    note: str = ""  # what the eye would miss
 
     @property
     def uri(self) -> str:
@@ -59,13 +66,13 @@ def plots_of(table: TaskTable) -> list[Picture]:
             figures.seen_against_heldout(table),
         ),
     ]
-    for cost, label in (
-        ("pixel_fraction", "pixels read per decision / pixels of the image"),
-        ("decision_ms_p50", "cold milliseconds per decision (median)"),
-    ):
+    for cost, label in COSTS.items():
+        if not any(getattr(row, cost) for row in table.rows):
+            continue
         text = f"Return against {label}, on held-out (filled) and seen views (hollow); the values are those "
         text += f"of the tables. Highest on held-out views: {best('return_heldout')}."
-        plots.append(_plot(f"Return against {label}", text, figures.pareto(table, cost, label)))
+        note = figures.left_out(table, cost)
+        plots.append(_plot(f"Return against {label}", text, figures.pareto(table, cost, label), note))
     return plots
 
 
@@ -100,8 +107,8 @@ def drawings_of(table: TaskTable, folders: Mapping[tuple[Any, ...], Path]) -> li
     return drawings
 
 
-def _plot(title: str, alt: str, svg: str) -> Picture:
-    return Picture(title, alt, svg.encode())
+def _plot(title: str, alt: str, svg: str, note: str = "") -> Picture:
+    return Picture(title, f"{alt} {note}.".removesuffix(" ."), svg.encode(), note=note)
 
 
 def _picture(path: Path) -> bytes | None:
