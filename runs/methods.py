@@ -31,6 +31,7 @@ class Method:
             world that has them) or `"state"` (told the hidden state: an upper bound, no rival).
         settings: defaults that a study may override.
         note: one sentence for the report.
+        base: the method that this one is a change of, for the table of ablations; its note says the change.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Method:
     obs: Mode
     settings: Mapping[str, Any] = field(default_factory=dict)
     note: str = ""
+    base: str = ""
 
 
 def _constructor(path: str, *others: str) -> Callable[..., Any]:
@@ -67,23 +69,26 @@ def _random(env: Any, seed: int, **settings: Any) -> Any:
     return RandomAgent(env, seed=seed, **settings)
 
 
-def _tree(name: str, path: str, note: str, obs: Mode = "index", **settings: Any) -> Method:
-    return Method(name, "tree", _constructor(path), 32, obs, settings, note)
+def _tree(name: str, path: str, note: str, obs: Mode = "index", base: str = "", **settings: Any) -> Method:
+    return Method(name, "tree", _constructor(path), 32, obs, settings, note, base)
 
 
-def _network(name: str, path: str, note: str, *others: str, **settings: Any) -> Method:
-    return Method(name, "network", _constructor(path, *others), 8, "index", settings, note)
+def _network(name: str, path: str, note: str, *others: str, base: str = "", **settings: Any) -> Method:
+    return Method(name, "network", _constructor(path, *others), 8, "index", settings, note, base)
 
 
 def _glimpse(name: str, places: str, note: str) -> Method:
-    return _network(name, "baselines.glimpse:GlimpsePPO", note, places=places)
+    base = "GlimpsePPO" if name != "GlimpsePPO" else ""
+    return _network(name, "baselines.glimpse:GlimpsePPO", note, base=base, places=places)
 
 
 _SALIENCY_NETWORK = "baselines.glimpse:SaliencyGlimpseExtractor"
 
 
 def _saliency_glimpse(name: str, note: str, **settings: Any) -> Method:
-    return _network(name, "baselines.glimpse:SaliencyGlimpsePPO", note, _SALIENCY_NETWORK, **settings)
+    base = "SaliencyGlimpse" if name != "SaliencyGlimpse" else ""
+    learner = "baselines.glimpse:SaliencyGlimpsePPO"
+    return _network(name, learner, note, _SALIENCY_NETWORK, base=base, **settings)
 
 
 def _control(name: str, path: str, note: str, obs: Mode = "index") -> Method:
@@ -95,7 +100,11 @@ _ALL = (
     _tree("WindowTree", "attn_tree:WindowTree", "tree over thresholds of small windows, jittered memories"),
     _tree("RLVC", "attn_tree:RLVC", "tree over SIFT features of the whole image"),
     _tree(
-        "RLVC-salient", "attn_tree:RLVC", "RLVC in windows at five salient places alone", regions="salient"
+        "RLVC-salient",
+        "attn_tree:RLVC",
+        "RLVC in windows at five salient places alone",
+        base="RLVC",
+        regions="salient",
     ),
     _tree("UTree", "attn_tree:UTree", "tree over dimensions of symbols, now and before", "symbols"),
     _tree("ObjectTree", "attn_tree:ObjectTree", "tree over which objects are in the scene", "symbols"),
@@ -104,6 +113,7 @@ _ALL = (
         "NaturePPO-48",
         "baselines.nature_cnn:NaturePPO",
         "PPO, NatureCNN on the image binned to 48×48",
+        base="NaturePPO",
         size=48,
     ),
     _network("NatureDQN", "baselines.nature_cnn:NatureDQN", "DQN, NatureCNN on the full image"),

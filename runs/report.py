@@ -19,11 +19,12 @@ import jinja2
 import tyro
 
 from runs import cli, record
+from runs.ablations import Effect
 from runs.record import Record, RecordError
 from runs.report_contents import Contents, collect, contents
 from runs.study import study_names
-from runs.tables import Row
-from runs.wording import csv_cell, estimate, latex_cell, markdown_cell, number
+from runs.tables import Row, TaskTable
+from runs.wording import csv_cell, effect, estimate, latex_cell, markdown_cell, number
 
 __all__ = ["Contents", "collect", "contents", "main", "terminal_table", "write_report"]
 
@@ -32,6 +33,8 @@ TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 def write_report(source: Path, out: Path | None = None) -> list[Path]:
     """Write `report.html`, `.md`, `.tex`, `.csv` and `report-runs.csv`, each whole or not at all.
+
+    Where methods are changes of others, `report-changes.csv` as well.
 
     Args:
         source: folder of a study, or a `.jsonl` file of scores.
@@ -47,6 +50,8 @@ def write_report(source: Path, out: Path | None = None) -> list[Path]:
         name = found.header.name  # reports of several studies may share a folder
     texts = {f"{name}.{kind}": _rendered(kind, found, source.name) for kind in ("html", "md", "tex")}
     texts |= {f"{name}.csv": _csv(summary(found)), f"{name}-runs.csv": _csv(runs_of(found.records))}
+    if any(found.effects.values()):
+        texts[f"{name}-changes.csv"] = _csv(changes(found))
     for file, text in texts.items():
         record.write_atomically(folder / file, text)
     return [folder / file for file in texts]
@@ -61,20 +66,25 @@ def _rendered(kind: str, found: Contents, source: str) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "estimate": estimate, "cell": markdown_cell}
+    environment.filters |= {"number": number, "estimate": estimate, "effect": effect, "cell": markdown_cell}
     return environment.get_template(f"report.{kind}.jinja").render(report=found, source=source)
 
 
 def summary(found: Contents) -> list[dict[str, Any]]:
     """Tidy rows, one a task and method: every figure of the tables, estimates with `_low` and `_high`."""
-    rows = []
-    for table in found.tables:
-        for row in table.rows:
-            cells: dict[str, Any] = {"env": table.env, "variant": table.variant}
-            for each in fields(row):
-                cells |= _columns(each.name, getattr(row, each.name), "Estimate" in str(each.type))
-            rows.append(cells)
-    return rows
+    return [_tidy(table, row) for table in found.tables for row in table.rows]
+
+
+def changes(found: Contents) -> list[dict[str, Any]]:
+    """Tidy rows of the ablations, one a task and change."""
+    return [_tidy(table, effect) for table in found.tables for effect in found.effects[table.title]]
+
+
+def _tidy(table: TaskTable, row: Row | Effect) -> dict[str, Any]:
+    cells: dict[str, Any] = {"env": table.env, "variant": table.variant}
+    for each in fields(row):
+        cells |= _columns(each.name, getattr(row, each.name), "Estimate" in str(each.type))
+    return cells
 
 
 def _columns(name: str, value: Any, interval: bool) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from runs import cli, record
+from runs.ablations import Effect, effects
 from runs.methods import METHODS
 from runs.record import Record, RecordError
 from runs.report_pictures import Picture, drawings_of, plots_of, plots_overall
@@ -27,6 +28,7 @@ class Contents:
     missing: list[str]
     plots: dict[str, list[Picture]] = field(default_factory=dict)  # by title of the task
     drawings: dict[str, list[Picture]] = field(default_factory=dict)
+    effects: dict[str, list[Effect]] = field(default_factory=dict)
     overall: list[Picture] = field(default_factory=list)
 
     @property
@@ -71,6 +73,8 @@ def contents(source: Path, pictures: bool = True) -> Contents:
     notes = {(env, variant): note for env, variant, note, _ in header.tasks}
     tables = task_tables(records, header.methods or list(METHODS), notes, header.reference)
     found = Contents(header, tables, records, _missing(header, records))
+    for table in tables:
+        found.effects[table.title] = effects(table)
     if pictures:
         for table in tables:
             found.plots[table.title] = plots_of(table)

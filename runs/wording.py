@@ -47,6 +47,16 @@ def estimate(value: Estimate | None, shown: Callable[[float], str] = number) -> 
     return f"{shown(value.value)} [{shown(value.low)}, {shown(value.high)}]"
 
 
+def effect(value: Estimate | None) -> str:
+    """A difference with its interval, signs written out: `+0.1 [−0.02, +0.2]`."""
+
+    def signed(difference: float) -> str:
+        shown = number(difference)
+        return f"+{shown}" if difference > 0 else shown
+
+    return estimate(value, signed)
+
+
 def table_cell(value: Any, decimals: int | None = None) -> str:
     """A cell of a table: text as it is, numbers and estimates in words.
 

@@ -13,6 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runs import figures, record, report
+from runs.ablations import effects
+from runs.methods import METHODS
 from runs.record import Record
 from runs.report_pictures import plots_of
 from runs.tables import task_tables
@@ -83,6 +85,33 @@ def test_fronts_say_what_their_axes_leave_out() -> None:
     times = next(p.data.decode() for title, p in pictures.items() if "milliseconds" in title)
     labels = re.findall(r"<!-- (−?[\d.]+) -->", times[times.index("matplotlib.axis_2") :])
     assert sorted(labels) == sorted(["−100", "−10", "−1", "0", "1"])
+
+
+def test_ablations_pair_seeds_and_leave_out_what_one_side_lacks(tmp_path: Path) -> None:
+    shift = np.random.default_rng(0).normal(0, 20, 6)  # what a seed does to both
+    base = [run("GlimpsePPO", s, return_mean=shift[s], return_mean_heldout=None) for s in range(6)]
+    changed = [
+        run("GlimpsePPO-fixed", s, return_mean=shift[s] + 0.5, pixel_fraction=0.1) for s in range(1, 6)
+    ]
+    changed += [run("GlimpsePPO-fixed", 9, return_mean=1e6)]  # its base has no seed 9
+    changed[0].pixel_fraction = None
+    runs = [*base, *changed, run("NaturePPO-48", 0)]  # its base did not run
+    (table,) = task_tables(runs, list(METHODS), {}, "STree")
+    (found,) = effects(table)
+    assert (found.method, found.base, found.pairs) == ("GlimpsePPO-fixed", "GlimpsePPO", 5)
+    for seen, wanted in ((found.return_seen, 0.5), (found.pixels, -0.1), (found.correct, 0.0)):
+        assert seen is not None and [seen.low, seen.value, seen.high] == pytest.approx([wanted] * 3)
+    assert found.return_heldout is None and found.better is not None and found.better.value > 0.5
+    written = {path.name: path.read_text() for path in report.write_report(folder_of(tmp_path, runs))}
+    (row,) = csv.DictReader(written["report-changes.csv"].splitlines())
+    assert float(row["return_seen_low"]) == pytest.approx(0.5) and row["return_heldout"] == ""
+    assert all("+0.5" in written[f"report.{kind}"] for kind in ("html", "md", "tex"))
+
+
+def test_every_base_is_a_method_with_the_same_learner() -> None:
+    bases = [(method, METHODS[method.base]) for method in METHODS.values() if method.base]
+    assert len(bases) >= 12 and not any(base.base for _, base in bases)
+    assert all(method.family == base.family and method.note for method, base in bases)
 
 
 class Page(HTMLParser):
