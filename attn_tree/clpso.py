@@ -30,6 +30,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from attn_tree.swarm import Swarm
+
 
 @dataclass(frozen=True, slots=True)
 class CLPSOSettings:
@@ -83,58 +85,6 @@ class CLPSOSettings:
             return np.full((self.particles, 1), self.learning_probability)
         rise = np.expm1(10 * np.arange(self.particles) / (self.particles - 1)) / np.expm1(10)
         return (0.05 + 0.45 * rise)[:, None]
-
-
-@dataclass(slots=True)
-class Swarm:
-    """A swarm between two moves: the result, and all that a resumed run needs.
-
-    Attributes:
-        positions, velocities, best_positions: `(n, d)`.
-        best_values: `(n,)` value at each particle's own best position; inf before any.
-        exemplars: `(n, d)` the particle whose best each dimension learns from.
-        stagnation: `(n,)` evaluated moves since the last improvement or refreshing.
-        history: best value of the swarm after the start and after each move.
-        evaluations: points evaluated so far.
-        rng_state: of the generator, JSON values.
-    """
-
-    positions: np.ndarray
-    velocities: np.ndarray
-    best_positions: np.ndarray
-    best_values: np.ndarray
-    exemplars: np.ndarray
-    stagnation: np.ndarray
-    history: np.ndarray
-    evaluations: int
-    rng_state: dict[str, Any]
-
-    @property
-    def x(self) -> np.ndarray:
-        """The best position found, `(d,)`."""
-        return self.best_positions[self.best_values.argmin()]
-
-    @property
-    def value(self) -> float:
-        """The value at `x`."""
-        return float(self.best_values.min())
-
-    @property
-    def iteration(self) -> int:
-        """Moves made so far."""
-        return len(self.history) - 1
-
-    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """JSON values and arrays, as an archive takes them."""
-        names = [name for name in self.__slots__ if isinstance(getattr(self, name), np.ndarray)]
-        meta = {"evaluations": self.evaluations, "rng_state": self.rng_state}
-        return copy.deepcopy(meta), {name: getattr(self, name).copy() for name in names}
-
-    @classmethod
-    def from_state(cls, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> Swarm:
-        """The swarm that `state` described."""
-        copies = {name: np.array(array) for name, array in arrays.items()}
-        return cls(**copies, evaluations=int(meta["evaluations"]), rng_state=copy.deepcopy(meta["rng_state"]))
 
 
 def clpso(

@@ -41,7 +41,8 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from attn_tree.clpso import CLPSOSettings, Swarm, clpso
+from attn_tree.clpso import CLPSOSettings, clpso
+from attn_tree.swarm import Swarm
 from attn_tree.tree.storage import ArchiveError, read_archive, write_archive
 from attn_tree.vision.retina import Retina
 from attn_tree.vision.saliency import saliency_maps
@@ -329,9 +330,12 @@ def _resumed(checkpoint: str | Path | None, identity: dict[str, Any]) -> Swarm |
             f"{checkpoint}: is of a search with other settings; choose another file or delete it"
         )
     try:
-        return Swarm.from_state(meta["swarm"], arrays)
-    except (KeyError, TypeError, ValueError, AttributeError):
+        swarm = Swarm.from_state(meta["swarm"], arrays)
+        if swarm.positions.shape[1] != len(COSTS):
+            raise ValueError(f"a search over {len(COSTS)} weights has as many columns")
+    except (KeyError, ValueError):
         raise ArchiveError(f"{checkpoint}: not a checkpoint of a search; delete it") from None
+    return swarm
 
 
 @contextmanager

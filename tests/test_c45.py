@@ -21,7 +21,7 @@ def table(seed: int, values: int = 2, n: int = 30) -> tuple[np.ndarray, np.ndarr
     return X, (X[:, 0] + X[:, 2] * X[:, 3] + (rng.random(n) < 0.2)) % 3, rng.uniform(0.5, 2, n)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_on_binary_symbols_it_is_the_entropy_tree(seed: int) -> None:
     X, y, weights = table(seed)
@@ -40,7 +40,7 @@ def test_on_binary_symbols_it_is_the_entropy_tree(seed: int) -> None:
         assert found == pytest.approx(inner.impurity[0] - parts)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.sampled_from(["gain", "gain_ratio"]), st.integers(2, 4))
 def test_examples_that_differ_are_told_apart(seed: int, criterion: Any, values: int) -> None:
     X, y, _ = table(seed, values)

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from attn_tree.clpso import CLPSOSettings, Swarm, clpso
+from attn_tree.clpso import CLPSOSettings, clpso
+from attn_tree.swarm import Swarm
 
 BOX = np.array([(0.0, 6.0)] * 4)
 
@@ -92,7 +93,7 @@ def test_tournament_prefers_the_better_and_follows_the_learning_probability() ->
     assert ranks[swarms[1].exemplars[others]].mean() == pytest.approx((n - 2) / 3, abs=0.5)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     outside=st.sampled_from(["clip", "skip"]),

@@ -190,7 +190,7 @@ def test_constant_features_say_nothing() -> None:
         LinearMachines(np.array([[np.nan]]), np.zeros(1))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.integers(-5, 5), st.booleans()), min_size=1, max_size=20))
 def test_the_threshold_makes_the_fewest_mistakes(examples: list[tuple[int, bool]]) -> None:
     scores, present = np.array([s for s, _ in examples], float), np.array([p for _, p in examples])

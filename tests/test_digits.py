@@ -31,7 +31,7 @@ def blobs(values: list[int]) -> Digits:
     translate=st.booleans(),
     seed=st.integers(0, 9),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_an_image_is_a_digit_and_pieces_of_others(width, height, clutter, translate, seed):
     pool = blobs([50, 90, 130, 170])
     draw = draw_digits(np.random.default_rng(seed), pool, 12, (width, height), clutter, translate)

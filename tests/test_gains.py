@@ -203,7 +203,7 @@ def test_mistakes_get_one_clear_line(change: dict[str, object], message: str) ->
     assert "\n" not in str(error.value)
 
 
-@effort(max_examples=15, deadline=None)
+@effort(max_examples=15)
 @given(st.integers(0, 10_000), st.floats(0.2, 5))
 def test_equal_factors_on_all_scales_change_no_place(seed: int, factor: float) -> None:
     """About 11 of the 16 weights are identifiable: N rescales."""
@@ -220,7 +220,7 @@ def test_equal_factors_on_all_scales_change_no_place(seed: int, factor: float) -
 _WINNERS = Winners(photographs()[0], QUARTER)
 
 
-@effort(max_examples=30, deadline=None)
+@effort(max_examples=30)
 @given(st.integers(3, 60), st.integers(0, 1000))
 def test_a_limited_search_starts_within_the_limit(limit: int, seed: int) -> None:
     for position in _within(limit, 5, 1.0, seed):

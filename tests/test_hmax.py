@@ -111,7 +111,7 @@ def test_c2_is_what_is_computed_place_by_place(kind: str) -> None:
     np.testing.assert_allclose(c2(CROP[None], dictionary)[0], slow_c2(CROP, dictionary), atol=5e-6)
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(st.integers(1, 3), st.integers(40, 64), st.integers(40, 64), st.integers(0, 99))
 def test_a_batch_gives_what_each_image_gives(n: int, height: int, width: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -178,7 +178,7 @@ def every_tree(answers: np.ndarray, allowed: np.ndarray, costs: np.ndarray | Non
             yield (*here, leaves, depth + leaves)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_no_tree_that_is_right_is_smaller(data: st.DataObject) -> None:
     rng = np.random.default_rng(data.draw(st.integers(0, 10_000)))

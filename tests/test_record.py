@@ -81,7 +81,7 @@ LINE = record.to_line(example(return_mean=0.5, curve=[{"steps": 1.0}])).encode()
 
 
 @given(st.integers(0, len(LINE) - 1), st.binary(max_size=4), st.integers(0, 4))
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.too_slow])
 def test_damaged_bytes_never_crash(at: int, put: bytes, cut: int) -> None:
     try:
         assert isinstance(record.from_json(LINE[:at] + put + LINE[at + cut :], "x"), Record)

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from attn_tree.relevance import Rectangle, RelevanceMap, look_within, relevance_map
@@ -47,7 +47,6 @@ def test_a_map_is_the_mean_of_gaussians_of_equal_weight() -> None:
     np.testing.assert_allclose(coarse.map, blocks, rtol=1e-9)
 
 
-@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     width=st.integers(1, 41),

@@ -36,7 +36,7 @@ def correct(model: Any, world: Any) -> float:
 # Regions ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     kind=st.sampled_from(PLACED),
     size=st.tuples(st.integers(9, 90), st.integers(9, 90)),

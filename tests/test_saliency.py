@@ -85,7 +85,7 @@ def test_surround_inhibition(size: int, polarity: str) -> None:
         np.testing.assert_array_equal(found[0], pyramid.surround_inhibition(part, size, polarity))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(height=st.integers(1, 300), width=st.integers(1, 300), seed=st.integers(0, 2**32 - 1))
 @example(height=1, width=300, seed=657235)  # one row: the hardest found
 def test_competition(height: int, width: int, seed: int) -> None:
@@ -150,7 +150,7 @@ def test_the_maps_on_the_way_add_up(model: str) -> None:
 # What is off is not computed -----------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     on=st.lists(st.booleans(), min_size=16, max_size=16).filter(
         lambda on: Gains.from_vector(np.array(on, float)).feasible

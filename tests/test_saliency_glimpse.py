@@ -107,7 +107,7 @@ def test_the_map_is_that_of_the_trees_and_its_work_is_counted() -> None:
     assert torch.equal(GlanceSaliency()(glance), found)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000), st.sampled_from([1, 2, 3]), st.sampled_from([8, 13]))
 def test_windows_of_a_bank_are_those_of_the_retina(seed: int, scale: int, size: int) -> None:
     rng = np.random.default_rng(seed)
@@ -127,7 +127,7 @@ def test_windows_of_a_bank_are_those_of_the_retina(seed: int, scale: int, size: 
     torch.testing.assert_close(slopes[1], slopes[0], rtol=1e-2, atol=1e-1)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.sampled_from([3.0, 9.0, 20.0, float("inf")]))
 def test_soft_argmax_is_a_loop_over_places(seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
@@ -169,7 +169,7 @@ def test_candidates_change_no_feature_and_tell_the_logits_which_peak_shows_more(
     torch.testing.assert_close(logits.grad, by_hand, atol=1e-5, rtol=1e-4)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_inhibition_of_return_never_revisits(seed: int) -> None:
     torch.manual_seed(seed)

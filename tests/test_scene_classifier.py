@@ -59,7 +59,7 @@ def slow_distance(a: Views, i: int, b: Views, j: int, sigma: float, H: float) ->
 
 
 @pytest.mark.parametrize(("sigma", "H"), [(0.0, 1000.0), (3.0, 1000.0), (5.0, 1.0)])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.integers(0, 5), min_size=4, max_size=4), st.integers(0, 100))
 def test_distances_of_bags(sigma: float, H: float, sizes: list[int], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -234,7 +234,7 @@ def test_a_class_with_one_view() -> None:
         lonely.split(np.random.default_rng(0))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 1000), st.floats(0.1, 0.9))
 def test_splits_are_stratified(seed: int, share: float) -> None:
     train, test = PLACES.split(np.random.default_rng(seed), share)

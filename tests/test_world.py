@@ -54,7 +54,7 @@ def enumerated_return(world: World, policy: np.ndarray, state: int, steps: int, 
     )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), horizon=st.integers(1, 3), gamma=st.sampled_from([0.7, 1.0]))
 def test_expected_return_and_steps_enumerate_all_trajectories(seed, horizon, gamma):
     world = random_world(seed, states=4, actions=2)
@@ -65,7 +65,7 @@ def test_expected_return_and_steps_enumerate_all_trajectories(seed, horizon, gam
     assert 1 - 1e-9 <= longest <= horizon + 1e-9
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), gamma=st.sampled_from([0.0, 0.5, 0.9]))
 def test_optimal_values_are_those_of_the_greedy_policy_solved_exactly(seed, gamma):
     world = random_world(seed)
@@ -90,7 +90,7 @@ def test_optimal_values_are_those_of_the_greedy_policy_solved_exactly(seed, gamm
     assert (backup.max(axis=1) <= best + 1e-7)[~world.terminal].all()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000))
 def test_correct_policy_rate_counts_pairs_of_a_state_and_a_view(seed):
     world = random_world(seed)
@@ -106,7 +106,7 @@ def test_correct_policy_rate_counts_pairs_of_a_state_and_a_view(seed):
     assert world.correct_policy_rate(greedy, 0.8) == world.correct_policy_rate(np.eye(3)[greedy], 0.8)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000))
 def test_no_uniform_number_draws_an_impossible_successor(seed):
     world = random_world(seed, branches=4)

@@ -29,13 +29,20 @@ def write_archive(path: str | Path, meta: Mapping[str, Any], arrays: Mapping[str
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        archive.writestr(_META, json.dumps(meta))
+    with zipfile.ZipFile(partial, "w") as archive:
+        _add(archive, _META, json.dumps(meta))
         for name, array in arrays.items():
             data = io.BytesIO()
             np.lib.format.write_array(data, np.asarray(array), allow_pickle=False)
-            archive.writestr(f"{name}.npy", data.getvalue())
+            _add(archive, f"{name}.npy", data.getvalue())
     partial.replace(path)
+
+
+def _add(archive: zipfile.ZipFile, name: str, data: str | bytes) -> None:
+    """Add a member without a date: equal models are equal files, and a clock set to 1970 does no harm."""
+    member = zipfile.ZipInfo(name)
+    member.external_attr = 0o600 << 16  # as `writestr` gives a member that it makes itself
+    archive.writestr(member, data, zipfile.ZIP_DEFLATED, compresslevel=1)
 
 
 def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
