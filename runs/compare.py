@@ -23,12 +23,13 @@ from typing import Any
 import joblib
 
 from runs import cli, parallel, record, run
+from runs.dry_run import past_records, plan
 from runs.methods import FAMILIES
 from runs.parallel import ERROR, PATIENCE, Backend, Outcome, locked
 from runs.progress import Progress
 from runs.study import Cell, Header, Study, cells, load_study, narrowed
 
-__all__ = ["ERROR", "PATIENCE", "RESULTS", "attempt", "locked", "main", "run_study"]
+__all__ = ["ERROR", "PATIENCE", "RESULTS", "attempt", "locked", "main", "planned", "run_study"]
 
 RESULTS = Path(__file__).resolve().parent / "results"
 COMMITTED, STUDY = "committed.jsonl", "study.json"
@@ -123,11 +124,8 @@ def run_study(
         RecordError: a file in `out` or among the committed scores is damaged or of other settings.
     """
     everything = cells(study, FAMILIES)
-    committed = {} if fresh else committed_scores(study.name, results)
-    known = [c for c in everything if (*c.key, c.fingerprint) in committed]
-    reused = {cell.key for cell in known}
-    todo = [c for c in everything if c.key not in reused and not whole(c, c.folder(out), run.RESULT)]
-    _write_header(study, out, [committed[*c.key, c.fingerprint] for c in known])
+    todo, reused = _still_to_run(study.name, everything, out, fresh, results)
+    _write_header(study, out, reused)
     failed: list[Outcome[Cell]] = []
     with Progress(len(everything), todo, workers, _kinds) as progress:
         for seed in dict.fromkeys(cell.seed for cell in todo):
@@ -145,6 +143,30 @@ def run_study(
             if publish:
                 commit_scores(study.name, everything, out, results)
     return failed
+
+
+def _still_to_run(
+    study: str, everything: Sequence[Cell], out: Path, fresh: bool, results: Path
+) -> tuple[list[Cell], list[record.Record]]:
+    """Cells without a score, and the committed scores that stand for others."""
+    committed = {} if fresh else committed_scores(study, results)
+    reused = {
+        c.key: committed[*c.key, c.fingerprint] for c in everything if (*c.key, c.fingerprint) in committed
+    }
+    todo = [c for c in everything if c.key not in reused and not whole(c, c.folder(out), run.RESULT)]
+    return todo, list(reused.values())
+
+
+def planned(study: Study, out: Path, *, fresh: bool = False, results: Path = RESULTS) -> str:
+    """What `run_study` would run, and how long that takes by what past runs took, in words.
+
+    Raises:
+        RecordError: a file in `out` or among the committed scores is damaged or of other settings.
+    """
+    everything = cells(study, FAMILIES)
+    todo, _ = _still_to_run(study.name, everything, out, fresh, results)
+    trained = [cell for cell in todo if whole(cell, cell.folder(out), run.TRAINED)]
+    return plan(everything, todo, trained, past_records(out, results))
 
 
 def _write_header(study: Study, out: Path, reused: Sequence[record.Record]) -> None:
@@ -176,6 +198,7 @@ def main(
     fresh: bool = False,
     publish: bool = False,
     results: Path = RESULTS,
+    dry_run: bool = False,
 ) -> int:
     """Run a study, or go on with one that was cut short; ends with the comparison table.
 
@@ -190,12 +213,17 @@ def main(
         fresh: run again what is among the committed scores.
         publish: write the scores to the committed ones as they come.
         results: folder of the committed scores.
+        dry_run: print what is still to be run and how long it may take, and run nothing.
     """
     from runs.report import terminal_table, write_report
 
     chosen = narrowed(load_study(study), seeds, only, steps)
     if chosen.seeds < 1 or (workers is not None and workers < 1) or (steps is not None and steps < 1):
         raise cli.UserMistake("--seeds, --workers and --steps must be at least 1")
+    if dry_run:
+        with cli.mistakes_of(record.RecordError):
+            print(planned(chosen, out, fresh=fresh, results=results))
+        return 0
     _prepare(backend)
     with locked(out, "compare"), cli.mistakes_of(record.RecordError):
         failed = run_study(
