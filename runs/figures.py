@@ -98,7 +98,10 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
         label: of that axis.
     """
     figure, axes = _figure(7.5, 4.2)
-    points, returns = [], []
+    points: list[tuple[float, float]] = []
+    others: list[tuple[float, float]] = []
+    returns: list[float] = []
+    some_heldout = any(row.return_heldout is not None for row in table.rows)
     for row in table.rows:
         x, seen, heldout = getattr(row, cost), row.return_mean, row.return_heldout
         if seen is None or not x:
@@ -108,8 +111,9 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
             axes.plot([x, x], [heldout.value, seen.value], color="#bbbbbb", linewidth=1, zorder=1)
             axes.plot(x, seen.value, fillstyle="none", **style)
         earned = (heldout or seen).value
-        axes.plot(x, earned, label=_plain(row.method), **style)
-        points.append((x, earned))
+        told = some_heldout and heldout is None  # of seen views alone: hollow, and no part of the front
+        axes.plot(x, earned, label=_plain(row.method), fillstyle="none" if told else "full", **style)
+        (others if told else points).append((x, earned))
         returns += [seen.value, earned]
     front: list[tuple[float, float]] = []
     for x, earned in sorted(points, key=lambda point: (point[0], -point[1])):
@@ -117,14 +121,16 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
             front.append((x, earned))
     if len(front) > 1:
         axes.step(*zip(*front, strict=True), where="post", color="#777777", linewidth=1, zorder=0)
-    _logarithmic(axes.xaxis, [x for x, _ in points])
-    axes.set_xlabel("\n".join([label, *map(_plain, textwrap.wrap(left_out(table, cost), 80))]))
+    shown = [x for x, _ in [*points, *others]]
+    _logarithmic(axes.xaxis, shown)
+    words = [*textwrap.wrap(label, 64), *textwrap.wrap(left_out(table, cost), 64)]
+    axes.set_xlabel("\n".join(map(_plain, words)))
     axes.set_ylabel("return (IQM); filled: held out, hollow: seen")
     axes.margins(y=0.08)
     if spans_decades(returns):
         _symmetric(axes, returns)
-    if points:
-        axes.set_xlim(min(x for x, _ in points) / 2, max(x for x, _ in points) * 2)
+    if shown:
+        axes.set_xlim(min(shown) / 2, max(shown) * 2)
     return _svg(figure, axes)
 
 

@@ -79,6 +79,11 @@ def test_fronts_say_what_their_axes_leave_out() -> None:
     assert "Random" in pixels.note and "Random" in pixels.alt and "STree" not in pixels.note
     assert any("operations" in title for title in pictures)
     assert not any("operations" in p.title for p in plots_of(task_tables(runs[:2], [], {}, "STree")[0]))
+    told = [each for each in runs if each.method != "Random"]
+    told += [run("TabularQ", 0, return_mean=0.5, return_mean_heldout=None, pixel_fraction=0.001)]
+    (mixed,) = task_tables(told, [], {}, "STree")
+    front = figures.pareto(mixed, "pixel_fraction", "pixels")
+    assert "#777777" not in front  # STree earns most for least; what is told the state is no rival
     assert figures.spans_decades(list(returns.values())) and not figures.spans_decades([-6.0, 0.1, 1.0])
     for picture in pictures.values():
         assert b"10^" not in picture.data  # Matplotlib keeps a label's source as a comment
