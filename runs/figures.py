@@ -94,7 +94,7 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
     Args:
         table: the task.
         cost: a figure of its rows, drawn on a logarithmic axis; methods without it or
-            with 0 are left out, those with 0 named under the axis.
+            with 0 are left out and named under the axis.
         label: of that axis.
     """
     figure, axes = _figure(7.5, 4.2)
@@ -135,9 +135,12 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
 
 
 def left_out(table: TaskTable, cost: str) -> str:
-    """Which methods a logarithmic axis of `cost` cannot show because theirs is 0, in words; or nothing."""
-    names = [row.method for row in table.rows if getattr(row, cost) == 0 and row.return_mean is not None]
-    return f"Not on this axis, with 0: {', '.join(names)}" if names else ""
+    """Which methods a logarithmic axis of `cost` cannot show and why, in words; or nothing."""
+    costs = {row.method: getattr(row, cost) for row in table.rows if row.return_mean is not None}
+    reasons = {"with 0": [n for n, x in costs.items() if x == 0]}
+    reasons["not counted"] = [n for n, x in costs.items() if x is None]
+    said = [f"{why}: {', '.join(names)}" for why, names in reasons.items() if names]
+    return f"Not on this axis, {'; '.join(said)}" if said else ""
 
 
 def spans_decades(returns: Sequence[float]) -> bool:
