@@ -99,7 +99,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         glance: int = 32,
         scales: tuple[int, ...] = (1,),
         places: SaliencyPlaces = "learned",
-        beta: float = 20.0,
+        beta: float = 2.0,
         learn_beta: bool = True,
         candidates: int = 3,
         inhibition: float = INHIBITED,

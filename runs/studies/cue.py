@@ -15,15 +15,16 @@ _STEPS = {"tree": 60_000, "network": 15_360, "control": 60_000, "Random": 2_048}
 _EPISODES = {"tree": {"episodes_per_phase": 50}}
 _ABLATIONS = [
     f"SaliencyGlimpse-{each}"
-    for each in ("keys", "frozen", "salient", "detached", "random", "fixed", "glance", "halting")
+    for each in ("keys", "frozen", "salient", "detached", "local", "random", "fixed", "glance", "halting")
 ]
 _HARDER = [
     "SaliencyGlimpse",
     "SaliencyGlimpse-detached",
     "SaliencyGlimpse-glance",
-    "NaturePPO",
     "NaturePPO-48",
 ]
+# One window cannot take in both what catches the eye and what matters.
+_ONE = ["SaliencyGlimpse-one", "SaliencyGlimpse-one-detached", "SaliencyGlimpse-one-local"]
 _BACKGROUNDS: dict[str, tuple[dict[str, Any], str]] = {
     "faint": ({"cue": "faint"}, "A symbol of the same mean colour as what it covers"),
     "distractor": ({"distractor": True}, "A larger and more vivid disc that means nothing"),
@@ -40,13 +41,21 @@ STUDY = Study(
     tasks=[
         Task(_CUE, "salient", _STEPS, note="An orange symbol on grey", method_settings=_EPISODES),
         *(
-            Task(_CUE, variant, _STEPS, settings, note=note, methods=_HARDER)
+            Task(
+                _CUE,
+                variant,
+                _STEPS,
+                settings,
+                note=note,
+                methods=[*_HARDER, *(_ONE if variant == "distractor" else ())],
+            )
             for variant, (settings, note) in _BACKGROUNDS.items()
         ),
     ],
     methods=[
         "SaliencyGlimpse",
         *_ABLATIONS,
+        *_ONE,
         "GlimpsePPO",
         "NaturePPO",
         "NaturePPO-48",
@@ -57,7 +66,7 @@ STUDY = Study(
         "Random",
     ],
     seeds=10,
-    cpu_hours=8.0,
+    cpu_hours=10.0,
     evaluations=10,
     reference="SaliencyGlimpse",
 )
