@@ -86,7 +86,7 @@ _SALIENCY_NETWORK = "baselines.glimpse:SaliencyGlimpseExtractor"
 
 
 def _saliency_glimpse(name: str, note: str, **settings: Any) -> Method:
-    base = "SaliencyGlimpse" if name != "SaliencyGlimpse" else ""
+    base = name.rpartition("-")[0]  # what is left out last is what changed last
     learner = "baselines.glimpse:SaliencyGlimpsePPO"
     return _network(name, learner, note, _SALIENCY_NETWORK, base=base, **settings)
 

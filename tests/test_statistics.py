@@ -26,7 +26,7 @@ def naive_iqm(scores: list[float]) -> float:
 
 
 @given(st.lists(runs, min_size=1, max_size=4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_iqm_is_the_mean_of_the_middle_half(strata: list[np.ndarray]) -> None:
     assert iqm(strata) == pytest.approx(naive_iqm([x for s in strata for x in s]))
 
@@ -41,7 +41,7 @@ def test_known_values() -> None:
 
 
 @given(st.lists(st.tuples(runs, runs), min_size=1, max_size=3))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_improvement_counts_pairs(tasks: list[tuple[np.ndarray, np.ndarray]]) -> None:
     shares = []
     for x, y in tasks:
