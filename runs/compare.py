@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ import joblib
 
 from runs import cli, parallel, record, run
 from runs.dry_run import past_records, plan
-from runs.methods import FAMILIES
+from runs.methods import FAMILIES, METHODS, Constructor
 from runs.parallel import ERROR, PATIENCE, Backend, Outcome, locked
 from runs.progress import Progress
 from runs.study import Cell, Header, Study, cells, load_study, narrowed
@@ -199,6 +199,7 @@ def main(
     publish: bool = False,
     results: Path = RESULTS,
     dry_run: bool = False,
+    set: tuple[str, ...] = (),
 ) -> int:
     """Run a study, or go on with one that was cut short; ends with the comparison table.
 
@@ -214,10 +215,15 @@ def main(
         publish: write the scores to the committed ones as they come.
         results: folder of the committed scores.
         dry_run: print what is still to be run and how long it may take, and run nothing.
+        set: settings of every method that is run, key=value, in place of the study's.
     """
     from runs.report import terminal_table, write_report
 
-    chosen = narrowed(load_study(study), seeds, only, steps)
+    settings = cli.settings_from(set)
+    chosen = narrowed(load_study(study), seeds, only, steps, settings)
+    _check(chosen, settings)
+    if settings and publish:
+        raise cli.UserMistake("--set changes the study: its scores cannot be published as the study's")
     if chosen.seeds < 1 or (workers is not None and workers < 1) or (steps is not None and steps < 1):
         raise cli.UserMistake("--seeds, --workers and --steps must be at least 1")
     if dry_run:
@@ -242,6 +248,14 @@ def main(
         details = outcome.job.folder(out) / ERROR
         print(f"failed: {outcome.job}: {outcome.error} (details in {details})", file=sys.stderr)
     return 1 if failed else 0
+
+
+def _check(study: Study, settings: Mapping[str, Any]) -> None:
+    """Refuse a setting that a method of the study does not have, before anything runs."""
+    for method in study.methods if settings else ():
+        build = METHODS[method].build
+        if isinstance(build, Constructor):
+            build.checked(settings)
 
 
 def _prepare(backend: Backend) -> None:

@@ -44,17 +44,30 @@ class Method:
     base: str = ""
 
 
-def _constructor(path: str, *others: str) -> Callable[..., Any]:
+@dataclass(frozen=True)
+class Constructor:
     """What builds a method: the constructor `module:Class`, imported when it is called.
 
-    Settings are its own, or those of `others` that it passes them on to.
+    Attributes:
+        path: of the constructor.
+        others: classes that it passes settings on to.
     """
 
-    def build(env: Any, seed: int, **settings: Any) -> Any:
-        target, *known = (_imported(each) for each in (path, *others))
-        return target(env, seed=seed, **checked(target, settings, *known))
+    path: str
+    others: tuple[str, ...] = ()
 
-    return build
+    def checked(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings, if the constructor or one of the others knows them all.
+
+        Raises:
+            UserMistake: it does not; the nearest name is suggested.
+        """
+        target, *known = (_imported(each) for each in (self.path, *self.others))
+        return checked(target, settings, *known)
+
+    def __call__(self, env: Any, seed: int, **settings: Any) -> Any:
+        """The learner."""
+        return _imported(self.path)(env, seed=seed, **self.checked(settings))
 
 
 def _imported(path: str) -> Any:
@@ -70,11 +83,11 @@ def _random(env: Any, seed: int, **settings: Any) -> Any:
 
 
 def _tree(name: str, path: str, note: str, obs: Mode = "index", base: str = "", **settings: Any) -> Method:
-    return Method(name, "tree", _constructor(path), 32, obs, settings, note, base)
+    return Method(name, "tree", Constructor(path), 32, obs, settings, note, base)
 
 
 def _network(name: str, path: str, note: str, *others: str, base: str = "", **settings: Any) -> Method:
-    return Method(name, "network", _constructor(path, *others), 8, "index", settings, note, base)
+    return Method(name, "network", Constructor(path, others), 8, "index", settings, note, base)
 
 
 def _glimpse(name: str, places: str, note: str) -> Method:
@@ -92,7 +105,7 @@ def _saliency_glimpse(name: str, note: str, **settings: Any) -> Method:
 
 
 def _control(name: str, path: str, note: str, obs: Mode = "index") -> Method:
-    return Method(name, "control", _constructor(path), 32, obs, note=note)
+    return Method(name, "control", Constructor(path), 32, obs, note=note)
 
 
 _ALL = (

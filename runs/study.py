@@ -211,8 +211,14 @@ def cells(study: Study, families: Mapping[str, str]) -> list[Cell]:
     ]
 
 
-def narrowed(study: Study, seeds: int | None, only: Sequence[str], steps: int | None) -> Study:
-    """The study with fewer (or more) seeds, some of its methods or variants, or other training steps.
+def narrowed(
+    study: Study,
+    seeds: int | None,
+    only: Sequence[str],
+    steps: int | None,
+    settings: Mapping[str, Any] | None = None,
+) -> Study:
+    """The study with other seeds, some of its methods or variants, other steps or settings of methods.
 
     Raises:
         UserMistake: a name in `only` is no method or variant of the study.
@@ -223,7 +229,14 @@ def narrowed(study: Study, seeds: int | None, only: Sequence[str], steps: int | 
     tasks = [t for t in study.tasks if t.variant in chosen] or list(study.tasks)
     if steps is not None:
         tasks = [replace(task, steps={"*": steps}) for task in tasks]
+    if settings:
+        own = {method: dict(settings) for method in methods}
+        tasks = [replace(task, method_settings=_over(task.method_settings, own)) for task in tasks]
     return replace(study, methods=methods, tasks=tasks, seeds=study.seeds if seeds is None else seeds)
+
+
+def _over(before: Mapping[str, Mapping[str, Any]], own: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    return {**before, **{name: {**before.get(name, {}), **settings} for name, settings in own.items()}}
 
 
 def _methods(study: Study, task: Task) -> list[str]:

@@ -178,3 +178,22 @@ def test_every_study_is_well_formed(name: str) -> None:
     assert study.name == name and len({cell.key for cell in everything}) == len(everything)
     assert len({cell.fingerprint for cell in everything}) == len(everything)
     assert study.reference in study.methods and study.seeds >= 3
+
+
+def test_settings_are_changed_for_all_methods_and_checked_before_anything_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changed = cells(narrowed(load_study("smoke"), 1, ["STree", "RLVC"], None, {"epsilon": 0.25}), FAMILIES)
+    plain = cells(narrowed(load_study("smoke"), 1, ["STree", "RLVC"], None), FAMILIES)
+    assert {cell.method_settings["epsilon"] for cell in changed} == {0.25}
+    assert not {cell.fingerprint for cell in changed} & {cell.fingerprint for cell in plain}
+
+    command = ["--study", "smoke", "--only", "STree", "--out", str(tmp_path / "out"), "--set"]
+    for pair, more, answer in [
+        ("epsilom=0.3", [], "did you mean 'epsilon'"),
+        ("epsilon", [], "write key=value"),
+        ("epsilon=0.3", ["--publish"], "cannot be published"),
+    ]:
+        assert cli.main(compare.main, "runs.compare", [*command, pair, *more]) == 2
+        assert answer in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
