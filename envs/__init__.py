@@ -53,17 +53,30 @@ TABLE = {
     **{f"Driving-{name}-v0": Task("envs.driving:driving", {"map": name}, 100) for name in "abcd"},
 }
 
-REGISTERED = tuple(f"attn_tree/{name}" for name in TABLE)
+REGISTERED: list[str] = []  # ids, in the order of the table
 
-for _id, _task in zip(REGISTERED, TABLE.values(), strict=True):
+
+def register(name: str, task: Task) -> str:
+    """Register a world with Gymnasium; gives its id, `attn_tree/<name>`.
+
+    The table above goes through it; so may worlds of other packages.
+    """
+    full = f"attn_tree/{name}"
     gym.register(
-        _id,
+        full,
         entry_point="envs.entry_points:make_camera",
         vector_entry_point="envs.entry_points:make_camera_vector",
-        max_episode_steps=_task.max_episode_steps,
-        kwargs={"builder": _task.builder, **_task.kwargs},
+        max_episode_steps=task.max_episode_steps,
+        kwargs={"builder": task.builder, **task.kwargs},
     )
+    TABLE[name] = task
+    REGISTERED.append(full)
+    return full
+
+
+for _name, _task in list(TABLE.items()):
+    register(_name, _task)
 
 elsewhere.register()  # `elsewhere/…`: environments nobody here wrote, with packages of their own
 
-__all__ = ["REGISTERED", "TABLE", "Task"]
+__all__ = ["REGISTERED", "TABLE", "Task", "register"]
