@@ -114,7 +114,7 @@ class LearnedGains:
             if data["objective"] not in ("distance", "cost") or type(data["limit"]) not in (int, type(None)):
                 raise ValueError("objective or limit")
             return cls(**data)
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             reason = " ".join(str(error).split())[:120]
             raise ValueError(f"{path}: no gains saved by this project ({reason}); save them again") from None
 

@@ -73,7 +73,7 @@ def load_learner(
         model._restore(meta["state"], arrays)
     except ArchiveError:
         raise
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise ArchiveError(f"{path}: not a usable {kind.__name__} ({_one_line(error)})") from None
     return model
 

@@ -239,6 +239,8 @@ class TreeLearner(TableLearner):
             _expect_within(arrays["windows"][:, ::2], -1, self._n_sights(), "sights of windows")
             _expect_within(arrays["windows"][:, 1::2], -1, shape[1], "actions of windows")
         tree = Tree.from_json(meta["tree"], self.vocabulary.question_from_json)
+        if not self.vocabulary.ready and any(len(each.nodes) > 1 for each in (tree, self.grown_tree)):
+            raise ValueError("the tree asks questions, but what they are about is missing")
         decisions = np.asarray(arrays["decision_values"], np.float64)
         if self.values.shape != shape or decisions.shape != (tree.rows, shape[1]):
             raise ValueError(f"a table of shape {self.values.shape} does not fit a tree of {shape[0]} rows")

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from numbers import Integral, Real
 
 import cv2
 import numpy as np
@@ -29,6 +30,9 @@ from attn_tree.vision.weights import CHANNEL_OF, CHANNELS, DIMENSIONS, SCALES
 _CACHE = 2 << 20
 
 
+_LARGEST = 1000  # of any setting: what is beyond is a mistake, or a damaged file
+
+
 @dataclass(frozen=True, slots=True)
 class SaliencySettings:
     """What else the revised model depends on: the keyword arguments of `saliency_map` but the gains.
@@ -41,6 +45,12 @@ class SaliencySettings:
     polarity: Polarity = "both"
     yellow: Yellow = "itti"
     passes: int = PASSES
+
+    def __post_init__(self) -> None:
+        for name, kind in (("resolution", Real), ("surround", Integral), ("passes", Integral)):
+            value = getattr(self, name)
+            if not isinstance(value, kind) or abs(float(value)) > _LARGEST:
+                raise ValueError(f"{name} is {str(value)[:40]}; expected a number of at most {_LARGEST}")
 
 
 class Winners:

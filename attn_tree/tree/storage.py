@@ -69,7 +69,7 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray
     except IsADirectoryError:
         raise ArchiveError(f"{path}: is a folder; expected a model file") from None
     except Exception as error:  # zipfile, json and numpy raise a dozen kinds on bad bytes
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
         raise ArchiveError(
             f"{path}: not a model saved by this project, or cut short ({reason}); save it again"
         ) from None

@@ -13,6 +13,7 @@ from runs.reliability.row import Row, Trial
 from runs.study import Cell
 
 WORLD, SYMBOLIC = "attn_tree/VisualGridworld-4x4-v0", "attn_tree/SignNavigation-simple-v0"
+WORLDS = {"AssociativeQ": "attn_tree/Driving-a-v0"}  # where to look is part of its action
 STEPS = {"tree": 1280, "control": 1280, "network": 512}
 SETTINGS = {"tree": {"episodes_per_phase": 10}}
 
@@ -23,7 +24,7 @@ def twice(trial: Trial) -> None:
     cell = Cell(
         study="reliability",
         method=method.name,
-        env=SYMBOLIC if method.obs == "symbols" else WORLD,
+        env=WORLDS.get(method.name, SYMBOLIC if method.obs == "symbols" else WORLD),
         variant="tiny",
         seed=int(trial.rng.integers(100, 1000)),
         bank_seed=int(trial.rng.integers(100, 1000)),
