@@ -23,17 +23,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from envs.details import DetailScenes
+from envs.image_files import opened
 from envs.objects import object_views
 from envs.photographs import MODERATE, STRONG, photograph_views
 
 Size = int | Sequence[int]
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".webp"}
-# What these hold: Pillow knows formats that are programs, and would run them.
-FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
-MOST_PIXELS = 80_000_000  # of an image; a small file may claim any number
 MOVES = {"photographs": MODERATE, "photographs-strong": STRONG}
 NUMBERED = re.compile(r"(?P<class>[a-zA-Z]+\d+)__(?P<view>\d+)$")  # COIL's obj7__45
 
@@ -291,19 +288,10 @@ def _natural(text: str) -> list[tuple[int, int, str]]:
 
 
 def _read(file: Path) -> np.ndarray:
-    try:
-        # OpenCV takes a file cut short for an image with a grey rest; Pillow refuses it.
-        with Image.open(file, formats=FORMATS) as whole:
-            if whole.width * whole.height > MOST_PIXELS:
-                raise ValueError("too large")
-            whole.load()
+    with opened(file):  # OpenCV takes a file cut short for an image with a grey rest; Pillow refuses it
         image = cv2.imread(str(file), cv2.IMREAD_COLOR)
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        image = None
     if image is None:
-        raise ValueError(
-            f"{file} cannot be read as an image of at most {MOST_PIXELS:,} pixels: repair or remove it"
-        )
+        raise ValueError(f"{file} cannot be read as an image: repair or remove it")
     return image[:, :, ::-1]
 
 

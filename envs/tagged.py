@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from envs.banks import data_folder
+from envs.image_files import opened
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,16 +84,11 @@ def read_image(file: Path) -> np.ndarray:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is cut short or no image.
+        ValueError: it is cut short, too large or no image, or has more than 8 bits a channel.
     """
-    try:
-        with Image.open(file) as image:
-            deep = image.mode.startswith(("I", "F"))
-            pixels = np.array(image.convert("RGB"))
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{file} is not there; expected an image") from None
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        raise ValueError(f"{file} cannot be read as an image: repair or remove it") from None
+    with opened(file) as image:
+        deep = image.mode.startswith(("I", "F"))
+        pixels = np.array(image.convert("RGB"))
     if deep:
         raise ValueError(f"{file} has more than 8 bits a channel; convert it to 8 bits first")
     return pixels

@@ -1,9 +1,9 @@
 """What a change of a method does: the ablations of a study, each a method that names its base.
 
-The bases are data of `runs.methods`. A change and its base are compared on the seeds that
-both have run: same world, same images, same order of training. An effect is the change's
-inter-quartile mean less that of its base; its 95% interval draws seeds again for both at
-once, so that what a seed does to both cancels.
+The base is part of a name: `RLVC-salient` is a change of `RLVC`. A change and its base are
+compared on the seeds that both have run: same world, same images, same order of training. An
+effect is the change's inter-quartile mean less that of its base; its 95% interval draws seeds
+again for both at once, so that what a seed does to both cancels.
 """
 
 from __future__ import annotations

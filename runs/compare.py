@@ -241,12 +241,13 @@ def main(
             results=results,
             publish=publish,
         )
+        # Said first: where every run failed there is nothing to report.
+        for outcome in failed:
+            details = outcome.job.folder(out) / ERROR
+            print(f"failed: {outcome.job}: {outcome.error} (details in {details})", file=sys.stderr)
         written = write_report(out)
     print(terminal_table(out))
     print("report: " + ", ".join(map(str, written)))
-    for outcome in failed:
-        details = outcome.job.folder(out) / ERROR
-        print(f"failed: {outcome.job}: {outcome.error} (details in {details})", file=sys.stderr)
     return 1 if failed else 0
 
 

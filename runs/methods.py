@@ -31,7 +31,6 @@ class Method:
             world that has them) or `"state"` (told the hidden state: an upper bound, no rival).
         settings: defaults that a study may override.
         note: one sentence for the report.
-        base: the method that this one is a change of, for the table of ablations; its note says the change.
     """
 
     name: str
@@ -41,7 +40,11 @@ class Method:
     obs: Mode
     settings: Mapping[str, Any] = field(default_factory=dict)
     note: str = ""
-    base: str = ""
+
+    @property
+    def base(self) -> str:
+        """The method that this one is a change of, by its name (`RLVC-salient`); its note says the change."""
+        return self.name.rpartition("-")[0]
 
 
 @dataclass(frozen=True)
@@ -82,26 +85,24 @@ def _random(env: Any, seed: int, **settings: Any) -> Any:
     return RandomAgent(env, seed=seed, **settings)
 
 
-def _tree(name: str, path: str, note: str, obs: Mode = "index", base: str = "", **settings: Any) -> Method:
-    return Method(name, "tree", Constructor(path), 32, obs, settings, note, base)
+def _tree(name: str, path: str, note: str, obs: Mode = "index", **settings: Any) -> Method:
+    return Method(name, "tree", Constructor(path), 32, obs, settings, note)
 
 
-def _network(name: str, path: str, note: str, *others: str, base: str = "", **settings: Any) -> Method:
-    return Method(name, "network", Constructor(path, others), 8, "index", settings, note, base)
+def _network(name: str, path: str, note: str, *others: str, **settings: Any) -> Method:
+    return Method(name, "network", Constructor(path, others), 8, "index", settings, note)
 
 
 def _glimpse(name: str, places: str, note: str) -> Method:
-    base = "GlimpsePPO" if name != "GlimpsePPO" else ""
-    return _network(name, "baselines.glimpse:GlimpsePPO", note, base=base, places=places)
+    return _network(name, "baselines.glimpse:GlimpsePPO", note, places=places)
 
 
 _SALIENCY_NETWORK = "baselines.glimpse:SaliencyGlimpseExtractor"
 
 
 def _saliency_glimpse(name: str, note: str, **settings: Any) -> Method:
-    base = name.rpartition("-")[0]  # what is left out last is what changed last
     learner = "baselines.glimpse:SaliencyGlimpsePPO"
-    return _network(name, learner, note, _SALIENCY_NETWORK, base=base, **settings)
+    return _network(name, learner, note, _SALIENCY_NETWORK, **settings)
 
 
 def _control(name: str, path: str, note: str, obs: Mode = "index") -> Method:
@@ -116,7 +117,6 @@ _ALL = (
         "RLVC-salient",
         "attn_tree:RLVC",
         "RLVC in windows at five salient places alone",
-        base="RLVC",
         regions="salient",
     ),
     _tree("UTree", "attn_tree:UTree", "tree over dimensions of symbols, now and before", "symbols"),
@@ -126,7 +126,6 @@ _ALL = (
         "NaturePPO-48",
         "baselines.nature_cnn:NaturePPO",
         "PPO, NatureCNN on the image binned to 48×48",
-        base="NaturePPO",
         size=48,
     ),
     _network("NatureDQN", "baselines.nature_cnn:NatureDQN", "DQN, NatureCNN on the full image"),

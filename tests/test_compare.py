@@ -15,6 +15,7 @@ from runs import cli, compare, record
 from runs.cli import UserMistake
 from runs.methods import FAMILIES
 from runs.record import TIMES, RecordError
+from runs.reliability.killed import gone, workers_of
 from runs.run import RESULT, TRAINED
 from runs.study import Cell, cells, load_study, narrowed, study_names
 
@@ -47,22 +48,6 @@ def wait_for(out: Path, pattern: str, process: subprocess.Popen[str]) -> None:
     while not list(out.glob(pattern)):
         assert process.poll() is None and time.monotonic() < deadline, "the study ended before it was killed"
         time.sleep(0.02)
-
-
-def workers_of(pid: int) -> list[int]:
-    """Child processes that run a loky worker."""
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return [int(c) for c in children if b"popen_loky" in Path(f"/proc/{c}/cmdline").read_bytes()]
-
-
-def gone(pids: list[int], patience: float = 60.0) -> bool:
-    """Whether none of these processes is left when `patience` seconds have passed, or before."""
-    deadline = time.monotonic() + patience
-    while any(Path(f"/proc/{pid}").exists() for pid in pids):
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.05)
-    return True
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds worker processes through /proc")
@@ -197,3 +182,13 @@ def test_settings_are_changed_for_all_methods_and_checked_before_anything_runs(
         assert cli.main(compare.main, "runs.compare", [*command, pair, *more]) == 2
         assert answer in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_where_every_run_fails_the_reasons_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failed = [compare.Outcome(cells(STUDY, FAMILIES)[0], 1.0, "ValueError: a reason")]
+    monkeypatch.setattr(compare, "run_study", lambda *_, **__: failed)
+    command = ["--study", "smoke", "--out", str(tmp_path), "--results", str(tmp_path)]
+    assert cli.main(compare.main, "runs.compare", command) == 2
+    assert "a reason" in capsys.readouterr().err
