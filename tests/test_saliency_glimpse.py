@@ -26,6 +26,7 @@ from baselines.glimpse.attention import PlaceGrid
 from baselines.glimpse.bank import GlimpseBank
 from baselines.glimpse.conspicuity import GlanceSaliency
 from baselines.glimpse.eye import Eye
+from baselines.glimpse.gaze_map import weighed
 from baselines.glimpse.logger import glimpse_network, hit_rate
 
 PLACES = ("learned", "detached", "salient", "random", "fixed", "none")
@@ -158,10 +159,11 @@ def test_candidates_change_no_feature_and_tell_the_logits_which_peak_shows_more(
 
     eye = Eye(images)
     logits = torch.randn(4, 256, requires_grad=True)
-    peaks = network.grid.peaks(logits, 3)
+    assert network.map is not None
+    peaks = network.map.peaks(logits)
     each = torch.stack([network._show(eye, network._place(logits, peak)) for peak in peaks.T]).detach()
     wish = torch.randn(128)
-    network._weighed(eye, logits, each[0]).matmul(wish).sum().backward()
+    weighed(each[0], list(each[1:]), logits.gather(1, peaks)).matmul(wish).sum().backward()
     weights, worth = logits.detach().gather(1, peaks).softmax(dim=1), (each @ wish).T.detach()
     better = worth - (weights * worth).sum(dim=1, keepdim=True)  # than the mean of the peaks
     by_hand = torch.zeros(4, 256).scatter(1, peaks, weights * better)
@@ -174,14 +176,15 @@ def test_candidates_change_no_feature_and_tell_the_logits_which_peak_shows_more(
 def test_inhibition_of_return_never_revisits(seed: int) -> None:
     torch.manual_seed(seed)
     network = SaliencyGlimpseExtractor(IMAGES, glimpses=4, patch=16, glance=16)
+    assert network.map is not None
     images = torch.rand(3, 3, SIDE, SIDE)
     with torch.no_grad():
         look = network.begin(Eye(images))
         tops = []
         for _ in range(4):
-            tops.append(network.logits(look).argmax(dim=1))
+            tops.append(network.map.logits(look).argmax(dim=1))
             network.look_again(look)
-    centres = network.grid.centres[torch.stack(tops, dim=1)]
+    centres = network.map.grid.centres[torch.stack(tops, dim=1)]
     for each in centres:
         assert torch.pdist(each).min() > 8
 
@@ -201,13 +204,14 @@ def test_gradient_reaches_what_chooses_places_unless_detached() -> None:
     for places, reached in (("learned", True), ("salient", True), ("detached", False)):
         network = SaliencyGlimpseExtractor(IMAGES, places=places, **SMALL)  # type: ignore[arg-type]
         network(unit(cues(4)[0])).square().sum().backward()
-        assert network.log_beta.grad is None if not reached else network.log_beta.grad != 0
-        if places != "salient":
-            slope = network.query.weight.grad
+        assert network.map is not None
+        assert network.map.log_beta.grad is None if not reached else network.map.log_beta.grad != 0
+        if network.map.keys is not None:
+            slope = network.map.keys.query.weight.grad
             assert (slope is not None and bool(slope.abs().sum() > 0)) == reached
     frozen = SaliencyGlimpseExtractor(IMAGES, learn_beta=False, **SMALL)  # type: ignore[arg-type]
     frozen(unit(cues(4)[0])).square().sum().backward()
-    assert frozen.log_beta.grad is None
+    assert frozen.map is not None and frozen.map.log_beta.grad is None
     assert SaliencyGlimpseExtractor(IMAGES, beta=0.0, **SMALL).beta == 0  # type: ignore[arg-type]
 
 

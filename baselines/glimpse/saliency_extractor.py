@@ -6,14 +6,11 @@ meets the keys, and
 
     logits = q · k / √d + β · saliency − inhibition of return.
 
-The soft-argmax of the logits is where a window is cut by bilinear interpolation; what was seen
-and where updates the state; K times over. The state is the feature vector. Through the window the
-policy's own loss reaches place, query, keys and β.
-
-That gradient is blind beyond the window: it cannot tell that another peak of the map would have been
-the better one. So while it learns the network reads the next peaks as well, and the logits get the
-gradient of the mean of what all of them show (straight-through: what is passed on is what the highest
-peak shows, bit for bit, and a decision reads nothing else).
+The soft-argmax of the logits (`gaze_map`) is where a window is cut by bilinear interpolation; what was
+seen and where updates the state; K times over. The state is the feature vector. Through the window the
+policy's own loss reaches place, query, keys and β. While it learns the network reads the next peaks of
+the map as well, and the logits get the gradient of the mean of what all of them show (straight-through:
+what is passed on is what the highest peak shows, and a decision reads nothing else).
 
 It stands beside the thesis's saccade tree (chapter 8), which asks what is seen at one place
 after another, and shares with chapter 5 and 7 where to look first: bottom-up saliency, biased top
@@ -32,8 +29,6 @@ Everything here is deterministic, or PPO's probability ratios would be noise.
 
 from __future__ import annotations
 
-import math
-
 import gymnasium as gym
 import torch
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -42,14 +37,13 @@ from torch.nn import functional as F
 
 from attn_tree.vision.retina import metering
 from baselines.bank_extractor import channels_first, image_shape
-from baselines.glimpse.attention import INHIBITED, PlaceGrid
+from baselines.glimpse.attention import INHIBITED
 from baselines.glimpse.conspicuity import GlanceSaliency
 from baselines.glimpse.eye import Eye
+from baselines.glimpse.gaze_map import GazeMap, weighed
 from baselines.glimpse.halting import NEGLIGIBLE, Halting, with_cost
-from baselines.glimpse.look import TILE, Look, Readout, SaliencyPlaces, check_choices, check_sizes
+from baselines.glimpse.look import Look, Readout, SaliencyPlaces, check_choices, check_sizes
 from baselines.glimpse.places import fixed_places, hash_salt, hashed_places
-
-KEYS = 16  # d, the size of a key
 
 
 class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
@@ -88,8 +82,6 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
 
     fixed: torch.Tensor
     salt: torch.Tensor
-    _positions: torch.Tensor
-    _upwards: torch.Tensor
 
     def __init__(
         self,
@@ -122,7 +114,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         self.last_places: torch.Tensor | None = None
         self.last_counts: torch.Tensor | None = None
         self.last_entropies: torch.Tensor | None = None
-        self.map_saliency: GlanceSaliency | None = None
+        self.map: GazeMap | None = None
         self.see_whole = nn.Sequential(
             nn.Flatten(), nn.Linear(channels * (glance // 2) ** 2, hidden), nn.Tanh()
         )
@@ -149,39 +141,35 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         elif places == "random":
             self.register_buffer("salt", hash_salt(channels * glance**2, glimpses, place_seed))
         else:
-            radius = patch / 4 if spread is None else spread
-            self.grid = PlaceGrid(glance, width, height, radius, patch / 2)
-            self.inhibition, self.candidates = inhibition, candidates
-            self._set_up_logits(channels, hidden, beta, learn_beta)
+            self.map = GazeMap(
+                channels,
+                width,
+                height,
+                glance,
+                patch,
+                hidden,
+                keys=places != "salient",
+                beta=beta,
+                learn_beta=learn_beta,
+                detached=places == "detached",
+                candidates=candidates,
+                inhibition=inhibition,
+                spread=spread,
+            )
 
-    def _set_up_logits(self, channels: int, hidden: int, beta: float, learn_beta: bool) -> None:
-        if beta > 0:
-            self.map_saliency = GlanceSaliency()
-            self.log_beta = nn.Parameter(torch.tensor(math.log(beta)), requires_grad=learn_beta)
-        if self.places != "salient":
-            self.key_tile = nn.Linear(channels * TILE**2, KEYS)
-            self.key_place = nn.Linear(2, KEYS)
-            self.key = nn.Linear(KEYS, KEYS)
-            self.query = nn.Linear(hidden, KEYS)
-            side = self.glance // 2
-            steps = torch.linspace(-1, 1, side)
-            positions = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), dim=-1)
-            self.register_buffer("_positions", positions, persistent=False)
-            upwards = F.interpolate(torch.eye(side)[None], self.glance, mode="linear")[0]
-            self.register_buffer("_upwards", upwards, persistent=False)
+    @property
+    def map_saliency(self) -> GlanceSaliency | None:
+        """What gives saliency maps, None where there are none."""
+        return None if self.map is None else self.map.saliency
 
     @property
     def beta(self) -> float:
         """β, the weight of saliency; 0 where there is none."""
-        return float(self.log_beta.detach().exp()) if hasattr(self, "log_beta") else 0.0
+        return 0.0 if self.map is None else self.map.beta
 
     def gaze_parameters(self) -> list[nn.Parameter]:
         """What learns where to look."""
-        if self.places not in ("learned", "salient"):
-            return []
-        layers = [getattr(self, name, None) for name in ("key_tile", "key_place", "key", "query")]
-        found = [parameter for layer in layers if layer is not None for parameter in layer.parameters()]
-        return found + ([self.log_beta] if hasattr(self, "log_beta") else [])
+        return [] if self.map is None else list(self.map.parameters())
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Features `(B, hidden)` of images in [0, 1]."""
@@ -237,27 +225,31 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
             look.given = self.fixed.expand(len(eye), -1, -1)
         elif self.places == "random":
             look.given = hashed_places(glance, self.salt)
-        elif self.places != "none":
-            look.saliency = None if saliency is None else saliency.flatten(1)
-            if self.places != "salient":
-                look.keys = self._keys(glance - 0.5)
+        elif self.map is not None:
+            self.map.survey(look, glance, saliency)
         return look
 
     def look_again(self, look: Look) -> None:
         """Choose the place of the next window, read it, and take it in."""
-        if look.given is not None:
+        if self.map is None:
+            assert look.given is not None
             place = look.given[:, len(look.places)]
             shown = self._show(look.eye, place)
         else:
-            logits = self.logits(look)
-            place, highest = self._locate(logits, look)
+            logits = self.map.logits(look)
+            peaks = self.map.peaks(logits)
+            place = self._place(logits, peaks[:, 0])
             shown = self._show(look.eye, place)
-            if self.candidates > 1 and logits.requires_grad and not metering():
-                shown = self._weighed(look.eye, logits, shown)
-            around = self.grid.around(highest)
-            look.visited = around if look.visited is None else look.visited | around
+            if peaks.shape[1] > 1 and not metering():
+                shown = weighed(shown, self._others(look.eye, logits, peaks), logits.gather(1, peaks))
+            self.map.visit(look, logits, peaks[:, 0])
         look.state = self.state(torch.relu(shown), look.state)
         look.places.append(place.detach())
+
+    @torch.no_grad()
+    def _others(self, eye: Eye, logits: torch.Tensor, peaks: torch.Tensor) -> list[torch.Tensor]:
+        """What the peaks `(B, n)` after the first show."""
+        return [self._show(eye, self._place(logits, peak)) for peak in peaks.T[1:]]
 
     def _show(self, eye: Eye, place: torch.Tensor) -> torch.Tensor:
         """What and where `(B, hidden)`: the windows at places `(B, 2)` in [-1, 1]."""
@@ -265,48 +257,10 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
         shown: torch.Tensor = self.see_patch(torch.cat(windows, dim=1) - 0.5) + self.see_place(place)
         return shown
 
-    def _weighed(self, eye: Eye, logits: torch.Tensor, shown: torch.Tensor) -> torch.Tensor:
-        """What the highest peak shows, with the gradient in the logits of the mean over several peaks."""
-        peaks = self.grid.peaks(logits, self.candidates)
-        weights = logits.gather(1, peaks).softmax(dim=1)
-        with torch.no_grad():
-            others = [self._show(eye, self._place(logits, peak)) for peak in peaks.T[1:]]
-            each = torch.stack([shown, *others], dim=1)
-        return shown + ((weights - weights.detach())[:, :, None] * each).sum(dim=1)
-
-    def _keys(self, glance: torch.Tensor) -> torch.Tensor:
-        """Keys `(B, side, side, d)` of places half as far apart as the glance's, from 4 × 4 of its values."""
-        tiles = F.pad(glance, (1, 1, 1, 1)).unfold(2, TILE, 2).unfold(3, TILE, 2).permute(0, 2, 3, 1, 4, 5)
-        keys: torch.Tensor = self.key(
-            torch.relu(self.key_tile(tiles.flatten(3)) + self.key_place(self._positions))
-        )
-        return keys
-
-    def logits(self, look: Look) -> torch.Tensor:
-        """q · k / √d + β · saliency − inhibition of return, `(B, P)`."""
-        parts = []
-        if look.keys is not None:
-            query = self.query(look.state) / math.sqrt(KEYS)
-            match = torch.einsum("bd,byxd->byx", query, look.keys)
-            parts.append((self._upwards.T @ match @ self._upwards).flatten(1))
-        if look.saliency is not None:
-            parts.append(self.log_beta.exp() * look.saliency)
-        logits = parts[0] if len(parts) == 1 else parts[0] + parts[1]
-        if self.places == "detached":
-            logits = logits.detach()
-        return logits if look.visited is None else logits - self.inhibition * look.visited
-
-    def _locate(self, logits: torch.Tensor, look: Look) -> tuple[torch.Tensor, torch.Tensor]:
-        """The next place `(B, 2)` in [-1, 1], and the number `(B,)` of the highest logit."""
-        if not torch.is_grad_enabled():
-            chances = logits.softmax(dim=1)
-            look.entropies.append(torch.special.entr(chances).sum(dim=1))
-        highest = logits.detach().argmax(dim=1)
-        return self._place(logits, highest), highest
-
     def _place(self, logits: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
         """Where `(B, 2)` in [-1, 1] to put a window to look around the chosen numbers `(B,)`."""
-        centres = self.grid.mean_around(logits, chosen)
+        assert self.map is not None
+        centres = self.map.grid.mean_around(logits, chosen)
         sides = centres.new_tensor([self.image_shape[2], self.image_shape[1]])
         return _bounded((2 * centres / sides - 1) / self._reach(1))
 
