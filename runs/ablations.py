@@ -1,6 +1,7 @@
 """What a change of a method does: the ablations of a study, each a method that names its base.
 
-The base is part of a name: `RLVC-salient` is a change of `RLVC`. A change and its base are
+The base is part of a name: `RLVC-salient` is a change of `RLVC`, `STree-no-gist` one of `STree`, whether
+it is registered or a variant of the study. A change and its base are
 compared on the seeds that both have run: same world, same images, same order of training. An
 effect is the change's inter-quartile mean less that of its base; its 95% interval draws seeds
 again for both at once, so that what a seed does to both cancels.
@@ -8,12 +9,11 @@ again for both at once, so that what a seed does to both cancels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from runs.methods import METHODS
 from runs.record import Record
 from runs.statistics import Estimate, improvement_interval, paired_effect
 from runs.tables import TaskTable
@@ -36,28 +36,26 @@ class Effect:
     better: Estimate | None  # P(a run of the change earns more than one of the base), held out if there
 
 
-def effects(table: TaskTable, bases: Mapping[str, str] | None = None) -> list[Effect]:
-    """The effect of every change whose base has run in the same task.
-
-    Args:
-        table: the task.
-        bases: method → its base; those of `runs.methods` if not given.
-    """
-    if bases is None:
-        bases = {name: method.base for name, method in METHODS.items() if method.base}
+def effects(table: TaskTable) -> list[Effect]:
+    """The effect of every change whose base has run in the same task."""
     runs: dict[str, dict[int, Record]] = {}
     for run in table.records:
         runs.setdefault(run.method, {})[run.seed] = run
     found = []
     for row in table.rows:
-        base = bases.get(row.method)
-        if base not in runs:
+        base = base_of(row.method, runs)
+        if base is None:
             continue
         seeds = sorted(runs[row.method].keys() & runs[base].keys())
         if seeds:
             ours, theirs = [runs[row.method][s] for s in seeds], [runs[base][s] for s in seeds]
             found.append(_effect(row.method, base, row.note, ours, theirs))
     return found
+
+
+def base_of(method: str, run: Collection[str]) -> str | None:
+    """The method that one is a change of by its name, the longest of those that have run; None if none is."""
+    return max((name for name in run if method.startswith(f"{name}-")), key=len, default=None)
 
 
 def _effect(method: str, base: str, change: str, ours: Sequence[Record], theirs: Sequence[Record]) -> Effect:

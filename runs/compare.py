@@ -7,7 +7,9 @@ the scores of one that ran through. Seeds are worked through one after another: 
 of a seed are trained side by side, then, with nothing else running, measured in turns.
 
 Scores committed under `runs/results/<study>.jsonl` are taken as they are if nothing that
-decides the outcome has changed since (the fingerprint in the line), unless `--fresh`.
+decides the outcome has changed since (the fingerprint in the line), unless `--fresh`. Those of
+other studies are taken over likewise where the same run is a cell of both; the line then says which
+study ran it.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,18 @@ def committed_scores(study: str, results: Path = RESULTS) -> dict[tuple[Any, ...
     path = results / f"{study}.jsonl"
     lines = record.read_lines(path) if path.exists() else []
     return {(*line.key, line.config): line for line in lines}
+
+
+def scores_elsewhere(study: str, results: Path = RESULTS) -> dict[str, record.Record]:
+    """Committed score lines of all other studies by fingerprint."""
+    paths = [path for path in sorted(results.glob("*.jsonl")) if path.stem != study]
+    lines = [line for path in paths for line in record.read_lines(path)]
+    return {line.config: line for line in lines if line.study != study and line.taken_from is None}
+
+
+def taken_over(cell: Cell, line: record.Record) -> record.Record:
+    """The score of the same run in another study, or under another name, as that of this cell."""
+    return replace(line, study=cell.study, method=cell.method, taken_from=line.study)
 
 
 def whole(cell: Cell, folder: Path, name: str) -> bool:
@@ -126,6 +140,8 @@ def run_study(
     everything = cells(study, FAMILIES)
     todo, reused = _still_to_run(study.name, everything, out, fresh, results)
     _write_header(study, out, reused)
+    if publish:
+        commit_scores(study.name, everything, out, results)
     failed: list[Outcome[Cell]] = []
     with Progress(len(everything), todo, workers, _kinds) as progress:
         for seed in dict.fromkeys(cell.seed for cell in todo):
@@ -134,7 +150,7 @@ def run_study(
             progress.skip(trained)
             pending = [cell for cell in mine if cell not in trained]
             # The longest first: a long run that starts last keeps the others waiting.
-            pending.sort(key=lambda c: (-progress.expected(c), FAMILIES[c.method] != "network"))
+            pending.sort(key=lambda c: (-progress.expected(c), FAMILIES[c.registered] != "network"))
             failures = train_all(pending, out, workers, backend, progress)
             failed += failures
             broken = {outcome.job.key for outcome in failures}
@@ -149,12 +165,21 @@ def _still_to_run(
     study: str, everything: Sequence[Cell], out: Path, fresh: bool, results: Path
 ) -> tuple[list[Cell], list[record.Record]]:
     """Cells without a score, and the committed scores that stand for others."""
-    committed = {} if fresh else committed_scores(study, results)
-    reused = {
-        c.key: committed[*c.key, c.fingerprint] for c in everything if (*c.key, c.fingerprint) in committed
-    }
+    reused = {} if fresh else _reused(study, everything, results)
     todo = [c for c in everything if c.key not in reused and not whole(c, c.folder(out), run.RESULT)]
     return todo, list(reused.values())
+
+
+def _reused(study: str, everything: Sequence[Cell], results: Path) -> dict[tuple[Any, ...], record.Record]:
+    """The committed score of each cell that has one, here or in another study."""
+    own, elsewhere = committed_scores(study, results), scores_elsewhere(study, results)
+    found = {}
+    for cell in everything:
+        if (*cell.key, cell.fingerprint) in own:
+            found[cell.key] = own[*cell.key, cell.fingerprint]
+        elif cell.fingerprint in elsewhere:
+            found[cell.key] = taken_over(cell, elsewhere[cell.fingerprint])
+    return found
 
 
 def planned(study: Study, out: Path, *, fresh: bool = False, results: Path = RESULTS) -> str:
@@ -164,9 +189,9 @@ def planned(study: Study, out: Path, *, fresh: bool = False, results: Path = RES
         RecordError: a file in `out` or among the committed scores is damaged or of other settings.
     """
     everything = cells(study, FAMILIES)
-    todo, _ = _still_to_run(study.name, everything, out, fresh, results)
+    todo, reused = _still_to_run(study.name, everything, out, fresh, results)
     trained = [cell for cell in todo if whole(cell, cell.folder(out), run.TRAINED)]
-    return plan(everything, todo, trained, past_records(out, results))
+    return plan(everything, todo, trained, reused, past_records(out, results))
 
 
 def _write_header(study: Study, out: Path, reused: Sequence[record.Record]) -> None:
@@ -177,8 +202,12 @@ def _write_header(study: Study, out: Path, reused: Sequence[record.Record]) -> N
 
 
 def commit_scores(study: str, everything: Sequence[Cell], out: Path, results: Path) -> None:
-    """Add the lines of whole runs to the committed scores; a line of other settings is replaced."""
+    """Add the lines of whole runs to the committed scores, and those that other studies have run.
+
+    A line of other settings is replaced.
+    """
     lines = {line.key: line for line in committed_scores(study, results).values()}
+    lines |= _reused(study, everything, results)
     for cell in everything:
         path = cell.folder(out) / run.RESULT
         if path.exists():
@@ -252,11 +281,16 @@ def main(
 
 
 def _check(study: Study, settings: Mapping[str, Any]) -> None:
-    """Refuse a setting that a method of the study does not have, before anything runs."""
-    for method in study.methods if settings else ():
-        build = METHODS[method].build
+    """Refuse a setting that a method or a variant of the study does not have, before anything runs."""
+    told = {name: dict(settings) for name in study.all_methods if settings}
+    for change in study.variants:
+        told[change.method] = {**change.settings, **settings}
+        if change.method in METHODS:
+            raise cli.UserMistake(f"{change.method} is a method of its own: give the variant another name")
+    for name, all_settings in told.items():
+        build = METHODS[cli.known("method", study.registered(name), METHODS)].build
         if isinstance(build, Constructor):
-            build.checked(settings)
+            build.checked(all_settings)
 
 
 def _prepare(backend: Backend) -> None:

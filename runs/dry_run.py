@@ -1,7 +1,8 @@
 """What a study would still have to run, and how long that takes by what past runs took.
 
 A run is expected to take what runs of its method took before: in the same world and variant
-if there are such, else in the same world, else in any; scaled by its steps. A past run that
+if there are such, else in the same world, else in any; scaled by its steps. One of a variant that has
+never run is expected to take what its base does. A past run that
 ended before its steps were used up (a tree that is wholly correct stops) is expected to end
 there again. Training alone is estimated: evaluating and measuring come on top.
 """
@@ -10,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -45,7 +46,8 @@ def past_records(out: Path, results: Path) -> list[Record]:
     found = [record.read(path) for path in sorted(out.glob("*/*/*/*/result.json"))]
     for path in sorted(results.glob("*.jsonl")):
         found += record.read_lines(path)
-    return [run for run in found if run.train_cpu_s is not None and run.env_steps > 0]
+    own = [run for run in found if run.taken_from is None]
+    return [run for run in own if run.train_cpu_s is not None and run.env_steps > 0]
 
 
 def expectations(todo: Sequence[Cell], past: Sequence[Record]) -> dict[tuple[object, ...], Expected]:
@@ -60,10 +62,13 @@ def expectations(todo: Sequence[Cell], past: Sequence[Record]) -> dict[tuple[obj
 
 
 def _expected(cell: Cell, near: Sequence[Mapping[tuple[str, ...], Sequence[Record]]]) -> Expected:
-    for (ground, kind), groups in zip(NEARNESS, near, strict=True):
-        runs = groups.get(kind(cell))
-        if runs:
-            return Expected(sum(_scaled(run, cell.steps) for run in runs) / len(runs), ground)
+    for known in dict.fromkeys((cell.method, cell.registered)):
+        for (ground, kind), groups in zip(NEARNESS, near, strict=True):
+            runs = groups.get(kind(replace(cell, method=known)))
+            if runs:
+                whose = "" if known == cell.method else f" of {known}"
+                seconds = sum(_scaled(run, cell.steps) for run in runs) / len(runs)
+                return Expected(seconds, ground + whose)
     return Expected(None, "no run of this method yet")
 
 
@@ -84,7 +89,11 @@ def _allowed(study: str) -> dict[tuple[object, ...], int]:
 
 
 def plan(
-    everything: Sequence[Cell], todo: Sequence[Cell], trained: Sequence[Cell], past: Sequence[Record]
+    everything: Sequence[Cell],
+    todo: Sequence[Cell],
+    trained: Sequence[Cell],
+    reused: Sequence[Record],
+    past: Sequence[Record],
 ) -> str:
     """The plan of a study in words: a line for each method and task, then the sum.
 
@@ -92,6 +101,7 @@ def plan(
         everything: all cells.
         todo: those without a score.
         trained: those of them that need only be measured.
+        reused: committed scores that stand for cells.
         past: whole runs to estimate from.
     """
     waiting = [cell for cell in todo if cell not in trained]
@@ -101,6 +111,9 @@ def plan(
     ]
     if trained:
         lines[0] += f" ({len(trained)} are trained and need only be measured)"
+    taken = Counter(run.taken_from for run in reused if run.taken_from is not None)
+    if taken:
+        lines.append("taken over: " + ", ".join(f"{n} from {study}" for study, n in taken.items()))
     rows = [["method", "task", "cells", "CPU time", "estimated from"]]
     for name in dict.fromkeys((cell.method, cell.env, cell.variant) for cell in waiting):
         mine = [expected[cell.key] for cell in waiting if (cell.method, cell.env, cell.variant) == name]

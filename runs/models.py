@@ -25,7 +25,7 @@ FORMAT = "attn_tree model 1"
 
 @dataclass(frozen=True)
 class Origin:
-    """What a model file says about where it comes from."""
+    """What a model file says about where it comes from; of a variant, the registered method behind it."""
 
     method: str
     env: str

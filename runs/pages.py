@@ -40,7 +40,7 @@ def _tables(study: str) -> dict[str, TaskTable]:
     source = RESULTS / f"{study}.jsonl"
     header, records, _ = collect(source)
     notes = {(env, variant): note for env, variant, note, _ in header.tasks}
-    tables = task_tables(records, header.methods, notes, header.reference)
+    tables = task_tables(records, header.methods, notes, header.reference, dict(header.notes))
     return {_short(table): table for table in tables}
 
 

@@ -84,6 +84,7 @@ class Record:
     curve: list[dict[str, float]] = field(default_factory=list)  # steps, return_mean, correct_policy_rate …
     versions: dict[str, str] = field(default_factory=dict)
     git_commit: str | None = None
+    taken_from: str | None = None  # the study that ran it, if another took its score over
 
     @property
     def key(self) -> tuple[str, str, str, str, int]:

@@ -71,7 +71,8 @@ def contents(source: Path, pictures: bool = True) -> Contents:
     """Everything that the report of `source` shows; without plots and drawings if asked."""
     header, records, folders = collect(source)
     notes = {(env, variant): note for env, variant, note, _ in header.tasks}
-    tables = task_tables(records, header.methods or list(METHODS), notes, header.reference)
+    order = header.methods or list(METHODS)
+    tables = task_tables(records, order, notes, header.reference, dict(header.notes))
     found = Contents(header, tables, records, _missing(header, records))
     for table in tables:
         found.effects[table.title] = effects(table)

@@ -91,7 +91,7 @@ def train(cell: Cell, folder: Path) -> None:
     """Train one run and leave its model, pictures and `trained.json` in `folder`."""
     pin_threads()
     shutil.rmtree(folder / "tensorboard", ignore_errors=True)
-    method = METHODS[cell.method]
+    method = METHODS[cell.registered]
     config = {**asdict(cell), "fingerprint": cell.fingerprint, "command": command_line()}
     record.write_atomically(folder / CONFIG, json.dumps(config, indent=1, default=str) + "\n")
     with cli.mistakes():
@@ -108,7 +108,9 @@ def train(cell: Cell, folder: Path) -> None:
     models.save(
         model,
         folder / MODEL,
-        models.Origin(cell.method, cell.env, cell.seed, _env_settings(cell), _method_settings(cell, method)),
+        models.Origin(
+            cell.registered, cell.env, cell.seed, _env_settings(cell), _method_settings(cell, method)
+        ),
     )
     run = _scored(cell, method, model, env)
     run.curve, run.steps_to_correct = callback.curve, callback.steps_to_correct
@@ -127,7 +129,7 @@ def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
     subjects: dict[str, Subject] = {}
     shapes: dict[str, tuple[int, ...]] = {}
     for cell, folder in zip(cells, folders, strict=True):
-        method = METHODS[cell.method]
+        method = METHODS[cell.registered]
         env = make_env(method, cell.env, _env_settings(cell), 1, cell.seed)
         with cli.mistakes_of(ArchiveError):
             model = models.load(folder / MODEL, env)
@@ -137,7 +139,7 @@ def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
     times = decision_times(subjects, np.random.default_rng(cells[0].seed))
     for cell, folder in zip(cells, folders, strict=True):
         run = record.read(folder / TRAINED)
-        network = METHODS[cell.method].family == "network"
+        network = METHODS[cell.registered].family == "network"
         cost = pixel_cost(subjects[cell.method], shapes[cell.method], network)
         run.pixels_selection, run.pixels_recognition = cost.selection, cost.recognition
         run.pixels_processed = cost.selection + cost.recognition
@@ -146,7 +148,7 @@ def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
         if run.tree_leaves is not None:
             run.questions_per_decision = cost.operations.get("questions", 0.0)
         run.decision_ms_p50, run.decision_ms_p95 = np.quantile(times[cell.method], [0.5, 0.95]).tolist()
-        write_summary(folder, run, {**cell.env_settings, **_method_settings(cell, METHODS[cell.method])})
+        write_summary(folder, run, {**cell.env_settings, **_method_settings(cell, METHODS[cell.registered])})
         record.write(run, folder / RESULT)
 
 
@@ -227,7 +229,7 @@ def _callback(cell: Cell, method: Method, env: Any) -> StudyCallback:
 
 
 def _extra_callbacks(cell: Cell, env: Any) -> list[Any]:
-    if METHODS[cell.method].family != "network":
+    if METHODS[cell.registered].family != "network":
         return []
     from baselines.glimpse.logger import GlimpseLogger
 

@@ -2,7 +2,10 @@
 
 A study is a value named `STUDY` in a file of `runs/studies/`. Nothing in it is a path or
 code; what decides the outcome of a run goes into the run's fingerprint, so that a score
-is never taken for that of another setting.
+is never taken for that of another setting, and is taken over where nothing but names differ.
+
+An ablation is a `Variant`: the method it changes, and its settings that change. It is a method of its
+study like any other, under the name `<base>-<name>`.
 """
 
 from __future__ import annotations
@@ -21,6 +24,28 @@ from runs.cli import known
 
 
 @dataclass(frozen=True)
+class Variant:
+    """A method with some of its settings changed, in one study: an ablation.
+
+    Attributes:
+        base: the registered method (`runs.methods`) that it changes.
+        name: what is put behind the base, `STree-f1`.
+        settings: those that change, over those of the base in the same study; mappings are merged.
+        note: the change in a few words, for the report.
+    """
+
+    base: str
+    name: str
+    settings: Mapping[str, Any]
+    note: str
+
+    @property
+    def method(self) -> str:
+        """Its name as a method."""
+        return f"{self.base}-{self.name}"
+
+
+@dataclass(frozen=True)
 class Task:
     """One world in one variant.
 
@@ -31,8 +56,9 @@ class Task:
         methods: the methods of the study that run in it; all if empty.
         steps: training steps by method, family or `"*"`, looked up in that order.
         note: one sentence for the report.
-        method_settings: keyword arguments of methods in this world, by method or family; they
-            go before those of the study.
+        method_settings: keyword arguments of methods in this world, by method or family. Those of a
+            family give way to the study's of a method, and these to the task's of that method.
+        gamma, evaluations: in place of the study's, if given.
     """
 
     env: str
@@ -42,6 +68,8 @@ class Task:
     note: str = ""
     methods: Sequence[str] = ()
     method_settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    gamma: float | None = None
+    evaluations: int | None = None
 
 
 @dataclass(frozen=True)
@@ -56,6 +84,7 @@ class Study:
         evaluations: points of a learning curve.
         settings: keyword arguments of a method, by method name.
         reference: the method that others are compared with.
+        variants: methods with changed settings, run beside the methods.
     """
 
     name: str
@@ -69,11 +98,21 @@ class Study:
     evaluations: int = 20
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     reference: str = "STree"
+    variants: Sequence[Variant] = ()
+
+    @property
+    def all_methods(self) -> list[str]:
+        """Names of the methods and of the variants."""
+        return [*self.methods, *(variant.method for variant in self.variants)]
+
+    def registered(self, method: str) -> str:
+        """The registered method behind a name: the base of a variant, else the method itself."""
+        return next((each.base for each in self.variants if each.method == method), method)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One run: everything that decides its outcome."""
+    """One run: everything that decides its outcome. `base` is the registered method behind a variant."""
 
     study: str
     method: str
@@ -86,6 +125,12 @@ class Cell:
     evaluations: int
     env_settings: Mapping[str, Any] = field(default_factory=dict)
     method_settings: Mapping[str, Any] = field(default_factory=dict)
+    base: str = ""
+
+    @property
+    def registered(self) -> str:
+        """The method in `runs.methods` that is run."""
+        return self.base or self.method
 
     @property
     def key(self) -> tuple[str, str, str, str, int]:
@@ -99,8 +144,12 @@ class Cell:
 
     @property
     def fingerprint(self) -> str:
-        """Twelve hex digits that differ when anything that decides the outcome does."""
-        decides = {name: value for name, value in asdict(self).items() if name != "study"}
+        """Twelve hex digits that differ when anything that decides the outcome does.
+
+        The names of study and variant do not: settings do.
+        """
+        decides = {**asdict(self), "method": self.registered}
+        del decides["study"], decides["base"]
         text = json.dumps(decides, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -124,6 +173,7 @@ class Header:
     methods: tuple[str, ...] = ()
     tasks: tuple[tuple[str, str, str, tuple[str, ...]], ...] = ()  # env, variant, note, methods
     seeds: int = 0
+    notes: tuple[tuple[str, str], ...] = ()  # of variants: method, what changes
 
     @classmethod
     def of(cls, study: Study, command: str = "") -> Header:
@@ -135,9 +185,10 @@ class Header:
             purpose=study.purpose,
             reference=study.reference,
             command=command,
-            methods=tuple(study.methods),
+            methods=tuple(study.all_methods),
             tasks=tasks,
             seeds=study.seeds,
+            notes=tuple((variant.method, variant.note) for variant in study.variants),
         )
 
     @classmethod
@@ -156,11 +207,13 @@ class Header:
                 (env, variant, note, tuple(names)) for env, variant, note, names in given.get("tasks", ())
             ]
             given["tasks"] = tuple(tasks)
+            given["notes"] = tuple((method, note) for method, note in given.get("notes", ()))
             header = cls(**given)
         except (TypeError, ValueError):
             raise ValueError("a field is missing or malformed") from None
         texts = [header.name, header.title, header.purpose, header.reference, header.command]
         texts += [*header.methods, *(text for task in header.tasks for text in (*task[:3], *task[3]))]
+        texts += [text for note in header.notes for text in note]
         if not all(isinstance(text, str) for text in texts) or type(header.seeds) is not int:
             raise ValueError("a field is of the wrong type")
         return header
@@ -185,8 +238,12 @@ def cells(study: Study, families: Mapping[str, str]) -> list[Cell]:
 
     Args:
         study: the study.
-        families: method → family, for the look-up of steps.
+        families: registered method → family, for the look-up of steps and settings.
+
+    Raises:
+        UserMistake: the study names a method that is not registered; the nearest is suggested.
     """
+    known_as = {name: known("method", study.registered(name), families) for name in study.all_methods}
     return [
         Cell(
             study=study.name,
@@ -195,19 +252,35 @@ def cells(study: Study, families: Mapping[str, str]) -> list[Cell]:
             variant=task.variant,
             seed=seed,
             bank_seed=1000 + seed,
-            steps=_steps(task, method, families[method]),
-            gamma=study.gamma,
-            evaluations=study.evaluations,
+            steps=_steps(task, method, known_as[method], families[known_as[method]]),
+            gamma=study.gamma if task.gamma is None else task.gamma,
+            evaluations=study.evaluations if task.evaluations is None else task.evaluations,
             env_settings=dict(task.settings),
-            method_settings={
-                **study.settings.get(method, {}),
-                **task.method_settings.get(families[method], {}),
-                **task.method_settings.get(method, {}),
-            },
+            method_settings=_settings(study, task, method, families[known_as[method]]),
+            base="" if known_as[method] == method else known_as[method],
         )
         for seed in range(study.seeds)
         for task in study.tasks
         for method in _methods(study, task)
+    ]
+
+
+def tasks_of(study: Study, only: Sequence[str] = ()) -> list[Task]:
+    """The tasks of a study, or those of some variants, for another study to take up.
+
+    What a study says of all its tasks is said in each of them, so that runs have the fingerprints that
+    they have in that study, and its committed scores stand for them.
+    """
+    return [
+        replace(
+            task,
+            methods=_methods(study, task),
+            method_settings=_over(study.settings, task.method_settings),
+            gamma=study.gamma if task.gamma is None else task.gamma,
+            evaluations=study.evaluations if task.evaluations is None else task.evaluations,
+        )
+        for task in study.tasks
+        if not only or task.variant in only
     ]
 
 
@@ -224,15 +297,19 @@ def narrowed(
         UserMistake: a name in `only` is no method or variant of the study.
     """
     variants = list(dict.fromkeys(task.variant for task in study.tasks))
-    chosen = [known(f"method or variant of study {study.name}", n, [*study.methods, *variants]) for n in only]
-    methods = [m for m in study.methods if m in chosen] or list(study.methods)
+    names = [*study.all_methods, *variants]
+    chosen = [known(f"method or variant of study {study.name}", name, names) for name in only]
+    some = any(name in chosen for name in study.all_methods)
+    methods = [name for name in study.methods if name in chosen or not some]
+    changes = [each for each in study.variants if each.method in chosen or not some]
     tasks = [t for t in study.tasks if t.variant in chosen] or list(study.tasks)
     if steps is not None:
         tasks = [replace(task, steps={"*": steps}) for task in tasks]
     if settings:
-        own = {method: dict(settings) for method in methods}
+        own = {name: dict(settings) for name in (*methods, *(each.method for each in changes))}
         tasks = [replace(task, method_settings=_over(task.method_settings, own)) for task in tasks]
-    return replace(study, methods=methods, tasks=tasks, seeds=study.seeds if seeds is None else seeds)
+    seeds = study.seeds if seeds is None else seeds
+    return replace(study, methods=methods, variants=changes, tasks=tasks, seeds=seeds)
 
 
 def _over(before: Mapping[str, Mapping[str, Any]], own: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -240,11 +317,35 @@ def _over(before: Mapping[str, Mapping[str, Any]], own: Mapping[str, Mapping[str
 
 
 def _methods(study: Study, task: Task) -> list[str]:
-    return [name for name in study.methods if not task.methods or name in task.methods]
+    return [name for name in study.all_methods if not task.methods or name in task.methods]
 
 
-def _steps(task: Task, method: str, family: str) -> int:
-    for name in (method, family, "*"):
+def _settings(study: Study, task: Task, method: str, family: str) -> dict[str, Any]:
+    """What a method is told in a task; a variant is told what its base is, then what changes."""
+    changes = {each.method: each for each in study.variants}
+    names = [changes[method].base, method] if method in changes else [method]
+    layers = [task.method_settings.get(family, {})]
+    for name in names:
+        layers += [changes[name].settings] if name in changes else []
+        layers += [study.settings.get(name, {}), task.method_settings.get(name, {})]
+    told: dict[str, Any] = {}
+    for layer in layers:
+        told = _merged(told, layer)
+    return told
+
+
+def _merged(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings over others; a mapping goes into the mapping that is there."""
+    both = dict(before)
+    for name, value in after.items():
+        there = both.get(name)
+        nested = isinstance(there, Mapping) and isinstance(value, Mapping)
+        both[name] = _merged(there, value) if nested else value  # type: ignore[arg-type]
+    return both
+
+
+def _steps(task: Task, method: str, registered: str, family: str) -> int:
+    for name in (method, registered, family, "*"):
         if name in task.steps:
             return task.steps[name]
     raise ValueError(f"task {task.env} {task.variant} states no training steps for {method}")

@@ -7,7 +7,7 @@ wholly correct (in an environment that is no World: never).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,9 +98,22 @@ class TaskTable:
 
 
 def task_tables(
-    records: Sequence[Record], order: Sequence[str], notes: dict[tuple[str, str], str], reference: str
+    records: Sequence[Record],
+    order: Sequence[str],
+    notes: dict[tuple[str, str], str],
+    reference: str,
+    changes: Mapping[str, str] | None = None,
 ) -> list[TaskTable]:
-    """The tables of a study, one a task, methods in the study's order, tasks in that of their notes."""
+    """The tables of a study, one a task, methods in the study's order, tasks in that of their notes.
+
+    Args:
+        records: runs.
+        order: of the methods.
+        notes: of the tasks, by env and variant.
+        reference: the method that others are compared with.
+        changes: notes of the study's own variants of methods.
+    """
+    said = {name: method.note for name, method in METHODS.items()} | dict(changes or {})
     tables = []
     met = {(run.env, run.variant) for run in records}
     for env, variant in dict.fromkeys([*(task for task in notes if task in met), *sorted(met)]):
@@ -113,7 +126,10 @@ def task_tables(
                 variant,
                 notes.get((env, variant), ""),
                 float(np.mean(optimal)) if optimal else None,
-                [_row(name, runs, by_method.get(reference, [])) for name, runs in by_method.items()],
+                [
+                    _row(name, said.get(name, ""), runs, by_method.get(reference, []))
+                    for name, runs in by_method.items()
+                ],
                 _verdicts(by_method),
                 mine,
             )
@@ -132,7 +148,7 @@ def _ordered(runs: Sequence[Record], order: Sequence[str]) -> list[str]:
     return [name for name in order if name in met] + sorted(met.difference(order))
 
 
-def _row(name: str, runs: Sequence[Record], reference: Sequence[Record]) -> Row:
+def _row(name: str, note: str, runs: Sequence[Record], reference: Sequence[Record]) -> Row:
     rng = np.random.default_rng(0)  # the same scores give the same report
 
     def interval(figure: str) -> Estimate | None:
@@ -147,7 +163,7 @@ def _row(name: str, runs: Sequence[Record], reference: Sequence[Record]) -> Row:
     size = middle("model_bytes")
     return Row(
         method=name,
-        note=METHODS[name].note if name in METHODS else "",
+        note=note,
         runs=len(runs),
         failed=None if np.isnan(rates).all() else failed_seeds(np.array(rates), 1.0),
         return_mean=interval("return_mean"),

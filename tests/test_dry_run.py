@@ -48,7 +48,7 @@ def test_the_nearest_past_run_counts_scaled_by_steps() -> None:
 def test_plan_says_what_it_cannot_know() -> None:
     known = [cell for cell in CELLS if cell.method == "STree"]
     todo = [cell for cell in CELLS if cell.method in ("STree", "NaturePPO")]
-    text = plan(CELLS, todo, [], [past(cell, 60.0) for cell in known])
+    text = plan(CELLS, todo, [], [], [past(cell, 60.0) for cell in known])
     n = sum(cell.method == "NaturePPO" for cell in CELLS)
     assert f"{len(todo)} to run" in text and f"NaturePPO ({n} cells)" in text
     assert f"training: {len(known) * 60 / 60:.0f} min" in text
