@@ -6,7 +6,7 @@
 >>> work.macs
 150
 
-Counted are the layers that hold weights: convolutions, linear layers and GRUs
+Counted are the layers that hold weights: convolutions, linear layers, GRUs and LSTMs
 (biases, activations, binning and bilinear interpolation are not, as usual). A
 layer that holds weights and has no rule here is an error, never a silent zero.
 """
@@ -49,7 +49,7 @@ def _gru_cell(layer: Any, inputs: Tensor, output: Tensor) -> int:
     return output.numel() * 3 * (layer.input_size + layer.hidden_size)
 
 
-def _gru(layer: Any, inputs: Tensor, output: Any) -> int:
+def _recurrent(layer: Any, inputs: Tensor, output: Any) -> int:
     steps = inputs.numel() // layer.input_size  # batch × time
     weights = sum(p.numel() for name, p in layer.named_parameters() if name.startswith("weight"))
     return steps * weights
@@ -60,7 +60,8 @@ _RULES: dict[type[nn.Module], Callable[[Any, Tensor, Any], int]] = {
     nn.Conv1d: _convolution,
     nn.Conv2d: _convolution,
     nn.GRUCell: _gru_cell,
-    nn.GRU: _gru,
+    nn.GRU: _recurrent,
+    nn.LSTM: _recurrent,
 }
 
 

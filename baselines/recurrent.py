@@ -9,12 +9,14 @@ sb3-contrib is optional: `pip install -e '.[recurrent]'`.
 
 from __future__ import annotations
 
+import math
+from functools import cache
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from baselines.bank_extractor import open_env
@@ -42,19 +44,68 @@ def LstmPPO(env: GymEnv | str, *, units: int = 64, seed: int | None = None, **kw
     Raises:
         ValueError: sb3-contrib is not installed.
     """
+    return _lstm_ppo(_recurrent_ppo(), open_env(env), units, seed, kwargs)
+
+
+def RecallingPPO(env: GymEnv | str, *, units: int = 64, seed: int | None = None, **kwargs: Any) -> Any:
+    """`LstmPPO` told what it did before, which decides in `predict` on what the environment itself gives.
+
+    The `state` that `predict` takes and gives holds the action before beside that of the LSTM.
+
+    Args:
+        env: a Gymnasium environment, an SB3 `VecEnv` or an id; `Discrete` observations and actions.
+        units, seed, **kwargs: as of `LstmPPO`.
+
+    Raises:
+        ValueError: sb3-contrib is not installed, or observations or actions are something else.
+    """
+    kind, opened = _recalling(), open_env(env)
+    venv = opened if isinstance(opened, VecEnv) else DummyVecEnv([lambda: opened])
+    return _lstm_ppo(kind, WithLastAction(venv), units, seed, kwargs)
+
+
+def _recurrent_ppo() -> Any:
     try:
         from sb3_contrib import RecurrentPPO
     except ImportError:
         raise ValueError(
             "LstmPPO needs sb3-contrib, which is not installed: pip install -e '.[recurrent]'"
         ) from None
-    env = open_env(env)
+    return RecurrentPPO
+
+
+@cache
+def _recalling() -> Any:
+    """The class of `RecallingPPO`; its base is there only where sb3-contrib is."""
+
+    class _RecallingPPO(_recurrent_ppo()):  # type: ignore[misc]
+        history = math.inf  # steps that a decision may depend on
+
+        def predict(
+            self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        ) -> Any:
+            """Actions for numbers of images `(B,)`; what the wrapper gives goes to the LSTM as it is."""
+            seen = np.asarray(observation)
+            env: Any = self.get_env()
+            if seen.dtype == env.observation_space.dtype:
+                return super().predict(observation, state, episode_start, deterministic)
+            rows = np.atleast_1d(seen)
+            begins = np.zeros(len(rows), bool) if episode_start is None else np.asarray(episode_start, bool)
+            before = np.full(len(rows), NONE) if state is None else np.where(begins, NONE, state[-1])
+            lstm = None if state is None else state[:-1]
+            actions, lstm = super().predict(env.beside(rows, before), lstm, begins, deterministic)
+            return (actions[0] if seen.ndim == 0 else actions), (*lstm, actions)
+
+    return _RecallingPPO
+
+
+def _lstm_ppo(kind: Any, env: GymEnv, units: int, seed: int | None, kwargs: dict[str, Any]) -> Any:
     network = {"lstm_hidden_size": units, "net_arch": [], "shared_lstm": True, "enable_critic_lstm": False}
     # Short rollouts in many environments: SB3 walks a sequence step by step, so long ones cost most.
     n_envs = env.num_envs if isinstance(env, VecEnv) else 1
     # Constant, unlike that of the other networks: chosen so in trials on seeds that are not scored.
     own = {"n_steps": 16, "batch_size": 16 * n_envs, "learning_rate": 5e-3, **kwargs}
-    return RecurrentPPO("MlpLstmPolicy", env, seed=seed, **ppo_settings(env, 5e-3, network, own))
+    return kind("MlpLstmPolicy", env, seed=seed, **ppo_settings(env, 5e-3, network, own))
 
 
 class WithLastAction(VecEnvWrapper):

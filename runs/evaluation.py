@@ -4,7 +4,8 @@ A `World` is a finite decision process, so a policy's return, length, average re
 correct-policy rate follow from its table of actions by image. This holds for every method
 of the study whose policy depends on the present percept alone. A model that remembers
 (`history` steps) is scored in the world of its windows (`envs.memory`), as exactly; where
-that has more than `MOST_STATES` states, episodes are sampled, as they are in an environment
+that has more than `MOST_STATES` states, or the memory has no end, episodes are played: one from each
+beginning if nothing else is left to chance, which is as exact, else a sample, as in an environment
 that is not one of ours.
 
 The state reduction index (thesis eq. 7.15, 8.14) is computed over every view the world has
@@ -14,6 +15,7 @@ does not say); (2) beside it H(leaf | cell), in bits, which does not depend on l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runs.playing import numbered, observed, play, views_by_state
+from runs.playing import beginnings, numbered, observed, play, views_by_state
 
 if TYPE_CHECKING:
     from envs.memory import Remembered
@@ -70,8 +72,9 @@ def scores(
         return score(world, policy_table(model, world, mode, own), gamma, horizon)
     if not own:
         return None
-    if mode != "index" or _states_of_windows(world, model.history) > MOST_STATES:
-        return _sampled(model, world, mode, gamma, horizon)
+    endless = math.isinf(model.history)
+    if endless or mode != "index" or _states_of_windows(world, model.history) > MOST_STATES:
+        return _played(model, world, mode, gamma, horizon)
     perceived, actions = as_decided(model, world)
     return score(perceived, np.eye(world.n_actions)[actions], gamma, horizon)
 
@@ -164,17 +167,23 @@ def _states_of_windows(world: World, depth: int) -> float:
     return total
 
 
-def _sampled(model: Any, world: World, mode: str, gamma: float, horizon: int) -> Scores:
-    """Means over `SAMPLED_EPISODES` greedy episodes, the same draws at each call."""
+def _played(model: Any, world: World, mode: str, gamma: float, horizon: int) -> Scores:
+    """Means over greedy episodes: one from each beginning, or `SAMPLED_EPISODES` of the same draws."""
     rng = np.random.default_rng(0)
+    if world.next_state.shape[2] == 1 and (world.n_views == 1).all():
+        begins = beginnings(world)
+        weights = np.array([world.start[state] for state, _ in begins])
+    else:
+        begins, weights = [], np.full(SAMPLED_EPISODES, 1 / SAMPLED_EPISODES)
+        for _ in range(SAMPLED_EPISODES):
+            state = int(rng.choice(world.n_states, p=world.start))
+            begins.append((state, int(world.views[state, rng.integers(world.n_views[state])])))
     rows = []
-    for _ in range(SAMPLED_EPISODES):
-        state = int(rng.choice(world.n_states, p=world.start))
-        begin = state, int(world.views[state, rng.integers(world.n_views[state])])
+    for begin in begins:
         rewards = np.array([step.reward for step in play(model, world, mode, begin, horizon, rng)])
         discounted = float(rewards @ gamma ** np.arange(len(rewards)))
         rows.append((rewards.sum(), discounted, len(rewards), rewards.mean()))
-    mean, discounted, steps, average = np.mean(rows, axis=0).tolist()
+    mean, discounted, steps, average = (weights @ np.array(rows)).tolist()
     return Scores(mean, discounted, steps, average, None)
 
 

@@ -89,8 +89,8 @@ def _tree(name: str, path: str, note: str, obs: Mode = "index", **settings: Any)
     return Method(name, "tree", Constructor(path), 32, obs, settings, note)
 
 
-def _network(name: str, path: str, note: str, *others: str, **settings: Any) -> Method:
-    return Method(name, "network", Constructor(path, others), 8, "index", settings, note)
+def _network(name: str, path: str, note: str, *others: str, n_envs: int = 8, **settings: Any) -> Method:
+    return Method(name, "network", Constructor(path, others), n_envs, "index", settings, note)
 
 
 def _glimpse(name: str, places: str, note: str) -> Method:
@@ -156,6 +156,13 @@ _ALL = (
         "baselines.glimpse:SaliencyGlimpseDQN",
         "DQN with the same network",
         _SALIENCY_NETWORK,
+    ),
+    _network(
+        "RecurrentPPO",
+        "baselines.recurrent:RecallingPPO",
+        "PPO with an LSTM told the number of the image and the action before: reads no pixels",
+        "stable_baselines3:PPO",
+        n_envs=64,
     ),
     _control("PixelTree", "baselines.pixel_tree:PixelTree", "tree over thresholds of raw pixels"),
     _control("ThumbnailQ", "baselines.tabular:ThumbnailQ", "table over a hash of an 8×8 thumbnail"),

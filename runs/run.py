@@ -221,9 +221,8 @@ def _callback(cell: Cell, method: Method, env: Any) -> StudyCallback:
         if not remembers(model):
             return percepts_of(worlds[0], method.obs)[0]
         first = beginnings(worlds[0])[0]  # an episode far enough for the memory to be full
-        return list(play(model, worlds[0], method.obs, first, model.history + 1, np.random.default_rng(0)))[
-            -1
-        ].percept
+        full = int(min(model.history, 8)) + 1
+        return list(play(model, worlds[0], method.obs, first, full, np.random.default_rng(0)))[-1].percept
 
     return StudyCallback(evaluate, cell.steps // cell.evaluations, percept if worlds else None)
 

@@ -5,9 +5,11 @@ import sys
 import numpy as np
 import pytest
 
-from baselines.recurrent import LstmPPO, WithLastAction
+from baselines.macs import count_macs
+from baselines.recurrent import LstmPPO, RecallingPPO, WithLastAction
 from envs.bounds import belief_bound, memory_bound
 from envs.sb3 import make_vec
+from runs.evaluation import scores
 from runs.experiments.chapter8_recurrent import played
 
 GRID = "attn_tree/VisualGridworld-Custom-v0"
@@ -76,3 +78,18 @@ def test_it_remembers_where_it_came_from():
     world = env.get_attr("world")[0]
     model = LstmPPO(env, units=16, seed=1, gamma=0.8, n_steps=8, learning_rate=2e-2).learn(2_048)
     assert played(model, world, env) == pytest.approx(belief_bound(world, 0.8))
+
+
+def test_what_it_did_before_is_in_its_own_state_and_it_is_scored_by_playing():
+    pytest.importorskip("sb3_contrib")
+    model = RecallingPPO(corridor(32), units=16, seed=1, gamma=0.8, n_steps=8, learning_rate=2e-2)
+    model.learn(2_048)
+    world = model.get_env().get_attr("world")[0]
+    found = scores(model, world, "index", 0.8, 100)
+    assert found is not None and found.return_discounted == pytest.approx(belief_bound(world, 0.8))
+    assert found.return_discounted == pytest.approx(played(model, world, model.get_env()))
+    with count_macs(model.policy) as work:
+        actions, state = model.predict(np.arange(2), None, np.ones(2, bool), deterministic=True)
+    assert work.by_layer["lstm_actor"] == 2 * 4 * 16 * (world.n_images + 4 + 16)
+    again, _ = model.predict(np.arange(2), state, np.ones(2, bool), deterministic=True)
+    assert (again == actions).all()  # what was before an episode counts for nothing in it
