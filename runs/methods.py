@@ -164,6 +164,11 @@ _ALL = (
         "stable_baselines3:PPO",
         n_envs=64,
     ),
+    _network(
+        "RAM",
+        "baselines.glimpse.ram_learner:TaughtRAM",
+        "recurrent attention model of Mnih et al., taught the right answers, in worlds of one step",
+    ),
     _control("PixelTree", "baselines.pixel_tree:PixelTree", "tree over thresholds of raw pixels"),
     _control("ThumbnailQ", "baselines.tabular:ThumbnailQ", "table over a hash of an 8×8 thumbnail"),
     _control(

@@ -265,22 +265,32 @@ def cells(study: Study, families: Mapping[str, str]) -> list[Cell]:
     ]
 
 
-def tasks_of(study: Study, only: Sequence[str] = ()) -> list[Task]:
-    """The tasks of a study, or those of some variants, for another study to take up.
+def tasks_of(study: Study, variants: Sequence[str] = (), methods: Sequence[str] = ()) -> list[Task]:
+    """The tasks of a study for another study to take up.
 
-    What a study says of all its tasks is said in each of them, so that runs have the fingerprints that
+    What the study says of all its tasks is said in each of them, so that runs have the fingerprints that
     they have in that study, and its committed scores stand for them.
+
+    Args:
+        study: the study.
+        variants: of its tasks; all if empty.
+        methods: that run in them, in place of those that do in the study.
+
+    Raises:
+        ValueError: the study has no task in such a variant.
     """
+    if missing := set(variants).difference(task.variant for task in study.tasks):
+        raise ValueError(f"study {study.name} has no task {', '.join(sorted(missing))}")
     return [
         replace(
             task,
-            methods=_methods(study, task),
+            methods=list(methods) or _methods(study, task),
             method_settings=_over(study.settings, task.method_settings),
             gamma=study.gamma if task.gamma is None else task.gamma,
             evaluations=study.evaluations if task.evaluations is None else task.evaluations,
         )
         for task in study.tasks
-        if not only or task.variant in only
+        if not variants or task.variant in variants
     ]
 
 
