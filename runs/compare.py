@@ -16,18 +16,15 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
-
-import joblib
 
 from runs import cli, parallel, record, run
 from runs.dry_run import past_records, plan
 from runs.methods import FAMILIES, METHODS, Constructor
-from runs.parallel import ERROR, PATIENCE, Backend, Outcome, locked
+from runs.parallel import ERROR, PATIENCE, Backend, Call, Outcome, locked
 from runs.progress import Progress
 from runs.study import Cell, Header, Study, cells, load_study, narrowed
 
@@ -98,13 +95,13 @@ def _side_by_side(
     """Outcomes as they come; one worker is this process itself."""
     if workers == 1 and backend == "loky":
         return (attempt(cell, cell.folder(out)) for cell in waiting)
-    calls = [partial(attempt, cell, cell.folder(out)) for cell in waiting]
+    calls = [Call(cell, run.train, cell.folder(out), cell.folder(out) / run.TRAINED) for cell in waiting]
     return parallel.side_by_side(calls, workers, backend)
 
 
 def attempt(cell: Cell, folder: Path) -> Outcome[Cell]:
     """Train one cell; a failure is reported, not raised."""
-    return parallel.attempt(cell, lambda each: run.train(each, folder), folder)
+    return parallel.attempt(cell, run.train, folder)
 
 
 def _kinds(cell: Cell) -> Sequence[Hashable]:
@@ -229,6 +226,7 @@ def main(
     results: Path = RESULTS,
     dry_run: bool = False,
     set: tuple[str, ...] = (),
+    address: str | None = None,
 ) -> int:
     """Run a study, or go on with one that was cut short; ends with the comparison table.
 
@@ -245,6 +243,7 @@ def main(
         results: folder of the committed scores.
         dry_run: print what is still to be run and how long it may take, and run nothing.
         set: settings of every method that is run, key=value, in place of the study's.
+        address: of a Ray cluster to join; RAY_ADDRESS if not given, or else Ray is started on this machine.
     """
     from runs.report import terminal_table, write_report
 
@@ -259,17 +258,18 @@ def main(
         with cli.mistakes_of(record.RecordError):
             print(planned(chosen, out, fresh=fresh, results=results))
         return 0
-    _prepare(backend)
+    parallel.check(backend, address)
     with locked(out, "compare"), cli.mistakes_of(record.RecordError):
-        failed = run_study(
-            chosen,
-            out,
-            workers=workers or joblib.cpu_count(),
-            backend=backend,
-            fresh=fresh,
-            results=results,
-            publish=publish,
-        )
+        with parallel.prepared(backend, workers, address) as processes:
+            failed = run_study(
+                chosen,
+                out,
+                workers=processes,
+                backend=backend,
+                fresh=fresh,
+                results=results,
+                publish=publish,
+            )
         # Said first: where every run failed there is nothing to report.
         for outcome in failed:
             details = outcome.job.folder(out) / ERROR
@@ -291,17 +291,6 @@ def _check(study: Study, settings: Mapping[str, Any]) -> None:
         build = METHODS[cli.known("method", study.registered(name), METHODS)].build
         if isinstance(build, Constructor):
             build.checked(all_settings)
-
-
-def _prepare(backend: Backend) -> None:
-    if backend != "ray":
-        return
-    try:
-        from ray.util.joblib import register_ray
-    except ImportError:
-        raise cli.UserMistake("--backend ray needs Ray: pip install -e '.[ray]'") from None
-    register: Callable[[], None] = register_ray
-    register()
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Literal, Protocol, TypeVar
@@ -29,6 +29,13 @@ PATIENCE = 3  # rounds in which workers die and no job gets done, before giving 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
 Backend = Literal["loky", "ray"]
+
+
+class WorkerDied(Exception):
+    """A worker, or the machine it was on, is gone, and its job with it."""
+
+
+DEATHS = (WorkerDied, TerminatedWorkerError, BrokenPipeError)
 
 
 class Job(Protocol):
@@ -50,19 +57,40 @@ class Outcome(Generic[J]):
     error: str | None = None
 
 
-def attempt(job: J, work: Callable[[J], Any], folder: Path) -> Outcome[J]:
+@dataclass(frozen=True)
+class Call(Generic[J]):
+    """A job as a worker is told it.
+
+    Attributes:
+        job: what to do.
+        work: does it; leaves nothing but what is in the folder that it is given, and `ends_with`.
+        folder: the job's own.
+        ends_with: the file by which the job is known to be done, in the folder or beside it.
+    """
+
+    job: J
+    work: Callable[[J, Path], Any]
+    folder: Path
+    ends_with: Path
+
+    def __call__(self) -> Outcome[J]:
+        """Do it here."""
+        return attempt(self.job, self.work, self.folder)
+
+
+def attempt(job: J, work: Callable[[J, Path], Any], folder: Path) -> Outcome[J]:
     """Do one job; what goes wrong is written to `error.txt` in its folder and reported, and others go on.
 
     Args:
         job: what to do.
-        work: does it.
+        work: does it, in the folder.
         folder: made if it is not there.
     """
     start = time.perf_counter()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ERROR).unlink(missing_ok=True)
-        work(job)
+        work(job, folder)
     except Exception as error:
         with contextlib.suppress(OSError):
             record.write_atomically(folder / ERROR, traceback.format_exc())
@@ -70,22 +98,57 @@ def attempt(job: J, work: Callable[[J], Any], folder: Path) -> Outcome[J]:
     return Outcome(job, time.perf_counter() - start)
 
 
-def side_by_side(
-    calls: Sequence[Callable[[], Any]], workers: int, backend: Backend = "loky"
-) -> Iterator[Any]:
-    """What the calls give, as they come, from processes with one thread each."""
-    own: dict[str, Any] = {}
-    if backend == "loky":
-        own = {"inner_max_num_threads": 1, "initializer": end_with, "initargs": (os.getpid(),)}
-    with joblib.parallel_config(backend=backend, n_jobs=workers, **own):
-        jobs = (joblib.delayed(call)() for call in calls)
-        if backend == "loky":
-            # One job at a time for each worker: what dies with it is one run.
-            yield from joblib.Parallel(return_as="generator_unordered", pre_dispatch="n_jobs", batch_size=1)(
-                jobs
-            )
-        else:
-            yield from joblib.Parallel(batch_size=1)(jobs)
+@contextlib.contextmanager
+def prepared(backend: Backend, workers: int | None = None, address: str | None = None) -> Iterator[int]:
+    """Have a backend ready inside the block; gives the number of processes at once.
+
+    Args:
+        backend: loky on this machine, Ray on a cluster or this machine.
+        workers: processes at once; as many as there are processors if not given.
+        address: of a Ray cluster; see `ray_backend.connected`.
+
+    Raises:
+        UserMistake: Ray is not installed or its cluster does not answer.
+    """
+    if backend == "ray":
+        from runs import ray_backend
+
+        with ray_backend.connected(address, workers) as processes:
+            yield processes
+    else:
+        yield workers or joblib.cpu_count()
+
+
+def check(backend: Backend, address: str | None = None) -> None:
+    """Refuse, before anything is written, a backend that is not there.
+
+    Raises:
+        UserMistake: Ray is not installed, or an address is given to loky.
+    """
+    if backend == "ray":
+        from runs import ray_backend
+
+        ray_backend.check()
+    elif address is not None:
+        raise cli.UserMistake("--address is that of a Ray cluster: give --backend ray with it")
+
+
+def side_by_side(calls: Sequence[Call[J]], workers: int, backend: Backend = "loky") -> Iterator[Outcome[J]]:
+    """Outcomes of the calls, as they come, from processes with one thread each.
+
+    Raises:
+        DEATHS: workers died; the jobs without an outcome are those to do again.
+    """
+    if backend == "ray":
+        from runs import ray_backend
+
+        yield from ray_backend.side_by_side(calls, workers)
+        return
+    own: dict[str, Any] = {"inner_max_num_threads": 1, "initializer": end_with, "initargs": (os.getpid(),)}
+    with joblib.parallel_config(backend="loky", n_jobs=workers, **own):
+        # One job at a time for each worker: what dies with it is one run.
+        pool = joblib.Parallel(return_as="generator_unordered", pre_dispatch="n_jobs", batch_size=1)
+        yield from pool(joblib.delayed(call)() for call in calls)
 
 
 def work_through(
@@ -119,7 +182,7 @@ def work_through(
                 if outcome.error is not None:
                     failed.append(outcome)
                 done(outcome)
-        except (TerminatedWorkerError, BrokenPipeError):
+        except DEATHS:
             waiting = [job for job in waiting if not is_done(job)]
             idle = idle + 1 if len(waiting) == before else 0
             say(f"a worker died; {len(waiting)} {noun} go back to the queue")
@@ -136,21 +199,30 @@ def one_thread() -> Iterator[None]:
     import cv2
     from threadpoolctl import threadpool_limits
 
-    before, environment = cv2.getNumThreads(), {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+    before = cv2.getNumThreads()
     torch = sys.modules.get("torch")
     torch_before = torch.get_num_threads() if torch else 1
     cv2.setNumThreads(1)
     if torch:
         torch.set_num_threads(1)
     try:
-        with threadpool_limits(1):
+        with threadpool_limits(1), variables(dict.fromkeys(THREADS, "1")):
             yield
     finally:
         cv2.setNumThreads(before)
         if torch:
             torch.set_num_threads(torch_before)
-        for name, value in environment.items():
+
+
+@contextlib.contextmanager
+def variables(values: Mapping[str, str]) -> Iterator[None]:
+    """Variables of the environment, as they were again afterwards."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
             else:

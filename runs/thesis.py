@@ -12,7 +12,6 @@ that was cut short goes on where it stopped. What is left is computed.
 
 from __future__ import annotations
 
-import os
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ from runs import experiments as all_experiments
 from runs.experiments import running
 from runs.experiments.experiment import Experiment, Line, Table
 from runs.experiments.store import OUT, RESULTS, Fingerprints, Store
+from runs.parallel import Backend
 from runs.wording import duration, number
 
 
@@ -37,6 +37,8 @@ def main(
     fresh: bool = False,
     publish: bool = False,
     results: Path = RESULTS,
+    backend: Backend = "loky",
+    address: str | None = None,
 ) -> int:
     """Compute figures and tables of the thesis and print them beside the thesis's numbers.
 
@@ -49,6 +51,8 @@ def main(
             its folder there to compute all of it again.
         publish: make the lines the committed ones, if all of an experiment's are there.
         results: folder of the committed lines.
+        backend: loky on this machine, ray on a Ray cluster.
+        address: of a Ray cluster to join; RAY_ADDRESS if not given, or else Ray is started on this machine.
     """
     known = ["list", *all_experiments.groups(), *all_experiments.EXPERIMENTS]
     names = tuple(cli.known("figure or table", name, known) for name in names)
@@ -56,6 +60,7 @@ def main(
         raise cli.UserMistake("give a name, for instance `list`: " + ", ".join(known))
     if workers is not None and workers < 1:
         raise cli.UserMistake("--workers must be at least 1")
+    parallel.check(backend, address)
     with cli.mistakes_of(record.RecordError):
         if "list" in names:
             print(listing(_store(out, results, ())))
@@ -63,7 +68,8 @@ def main(
         chosen = list({e.name: e for name in names for e in all_experiments.group(name)}.values())
         store = _store(out, results, [e.name for e in chosen] if fresh else ())
         alone = set(names) <= set(all_experiments.EXPERIMENTS)
-        troubles = run_all(chosen, store, workers or os.cpu_count() or 1, only, alone, publish)
+        with parallel.prepared(backend, workers, address) as processes:
+            troubles = run_all(chosen, store, processes, only, alone, publish, backend)
     for text in troubles:
         print(f"failed: {text}", file=sys.stderr)
     return 1 if troubles else 0
@@ -80,6 +86,7 @@ def run_all(
     only: Sequence[str] = (),
     alone: bool = True,
     publish: bool = False,
+    backend: Backend = "loky",
 ) -> list[str]:
     """Compute what has no line yet, needed experiments first, and show each chosen one when it is done.
 
@@ -90,6 +97,7 @@ def run_all(
         only: parts of keys; see `main`.
         alone: real images that are missing are a mistake, not a reason to skip.
         publish: make the lines of chosen ones the committed ones.
+        backend: of the processes.
 
     Returns:
         What failed, a line each.
@@ -108,7 +116,7 @@ def run_all(
         if todo[experiment.name] and not skipped:
             with parallel.locked(store.folder(experiment)):
                 ready, waiting = running.ready(experiment, todo[experiment.name], store)
-                failed = running.run(experiment, ready, store, workers) if ready else []
+                failed = running.run(experiment, ready, store, workers, backend) if ready else []
             for outcome in failed:
                 details = store.folder(experiment) / outcome.job.unit.key / parallel.ERROR
                 troubles.append(f"{outcome.job}: {outcome.error} (details in {details})")

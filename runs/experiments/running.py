@@ -19,7 +19,7 @@ from typing import Any
 from runs import parallel, record
 from runs.experiments.experiment import Experiment, Line, Lines, Unit
 from runs.experiments.store import Store, to_line
-from runs.parallel import Outcome
+from runs.parallel import Backend, Call, Outcome
 from runs.progress import Progress
 
 DATA = "ATTN_TREE_DATA"
@@ -105,7 +105,9 @@ def _read(experiment: Experiment, store: Store) -> dict[str, dict[str, Line]]:
     return {name: store.lines(store.fingerprints.experiments[name]) for name in experiment.needs}
 
 
-def run(experiment: Experiment, units: Sequence[Unit], store: Store, workers: int) -> list[Outcome[Work]]:
+def run(
+    experiment: Experiment, units: Sequence[Unit], store: Store, workers: int, backend: Backend = "loky"
+) -> list[Outcome[Work]]:
     """Compute units side by side, each in one thread; every whole one leaves its line.
 
     Args:
@@ -113,27 +115,28 @@ def run(experiment: Experiment, units: Sequence[Unit], store: Store, workers: in
         units: what is to be done; the lines they read must be there.
         store: where lines lie.
         workers: processes at once; one means this process itself, as for timings.
+        backend: of the processes; timings are always taken by this one.
 
     Returns:
         What failed.
     """
     workers = 1 if experiment.serial else min(workers, len(units))
+    used: Backend = "loky" if experiment.serial else backend
     commit = record.git_commit()
     there = _read(experiment, store)
 
-    def call(work: Work) -> Callable[[], Outcome[Work]]:
+    def call(work: Work) -> Call[Work]:
         unit = work.unit
         read = [there[e.name][u.key] for e, u in store.fingerprints.read(experiment, unit)]
         folder = store.folder(experiment) / unit.key
         do = partial(
             _compute,
             compute=experiment.compute,
-            lines=Lines(read, folder),
+            lines=read,
             config=store.fingerprints(experiment, unit),
-            path=store.path(experiment, unit),
             commit=commit,
         )
-        return partial(parallel.attempt, work, do, folder)
+        return Call(work, do, folder, store.path(experiment, unit))
 
     waiting = [Work(experiment.name, unit) for unit in units]
     each = experiment.cpu_minutes * 60 / max(1, len(experiment.units))
@@ -142,7 +145,7 @@ def run(experiment: Experiment, units: Sequence[Unit], store: Store, workers: in
         progress.say(f"{experiment.name}: {count} to compute, about {progress.left()}")
         return parallel.work_through(
             waiting,
-            lambda works: parallel.side_by_side([call(work) for work in works], workers),
+            lambda works: parallel.side_by_side([call(work) for work in works], workers, used),
             lambda work: store.on_disk(experiment, work.unit) is not None,
             lambda outcome: progress.done(outcome.job, outcome.seconds, outcome.error),
             progress.say,
@@ -152,23 +155,23 @@ def run(experiment: Experiment, units: Sequence[Unit], store: Store, workers: in
 
 def _compute(
     work: Work,
+    folder: Path,
     compute: Callable[[Unit, Lines], dict[str, Any]],
-    lines: Lines,
+    lines: Sequence[Line],
     config: str,
-    path: Path,
     commit: str | None,
 ) -> None:
-    """Compute one unit and leave its line; its folder goes when the line is there."""
+    """Compute one unit and leave its line beside its folder, which goes when the line is there."""
     with parallel.one_thread():
         cpu, wall = _cpu_seconds(), time.perf_counter()
-        scores = compute(work.unit, lines)
+        scores = compute(work.unit, Lines(lines, folder))
         cpu, wall = _cpu_seconds() - cpu, time.perf_counter() - wall
     unit = work.unit
     line = Line(
         work.experiment, unit.key, config, unit.settings, scores, round(cpu, 3), round(wall, 3), commit
     )
-    record.write_atomically(path, to_line(line) + "\n")
-    shutil.rmtree(path.parent / unit.key, ignore_errors=True)
+    record.write_atomically(folder.with_name(f"{unit.key}.json"), to_line(line) + "\n")
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _cpu_seconds() -> float:
