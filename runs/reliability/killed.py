@@ -23,7 +23,7 @@ PATIENCE = 240.0  # seconds that a study may take before it counts as hanging
 
 def driver(trial: Trial) -> None:
     """Kill the driver when a random number of files is there, or at any time before."""
-    _needs_proc()
+    needs_proc()
     out = trial.folder / "study"
     workers = int(trial.rng.integers(1, 3))
     process = staged.started(out, workers)
@@ -42,7 +42,7 @@ def driver(trial: Trial) -> None:
 
 def worker(trial: Trial) -> None:
     """Kill one worker at a random moment of its work; the driver goes on by itself."""
-    _needs_proc()
+    needs_proc()
     out = trial.folder / "study"
     files = int(trial.rng.integers(0, staged.RUNS * 5))
     ended, killed = threading.Event(), []
@@ -133,7 +133,8 @@ def _wait(process: subprocess.Popen[str], ready: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def _needs_proc() -> None:
+def needs_proc() -> None:
+    """Skip a trial where processes cannot be found."""
     if not Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").exists():
         raise Skipped("finds processes through /proc, which this system does not have")
 
