@@ -31,6 +31,7 @@ _HISTORY = [
     Variant("STree", "history", {"history": 1}, "may ask about the step before: action and percept"),
     Variant("STree", "action", {"history": 1, "history_of": "action"}, "may ask about the action before"),
 ]
+_STEPS = {"tree": 60_000, "RecurrentPPO": 49_152, "network": 3_072, "control": 60_000, "Random": 2_048}
 _HIDDEN = {"a": "Four cells show one image", "b": "Four of nine cells show one image"}
 
 STUDY = Study(
@@ -46,7 +47,7 @@ STUDY = Study(
             Task(
                 f"attn_tree/VisualGridworld-Figure8.14{letter}-v0",
                 "hidden",
-                {"tree": 60_000},
+                _STEPS,
                 {"starts": "unshared", "heldout_views": 0},
                 note=f"{note}: figure 8.14",
                 methods=["STree", *(change.method for change in _HISTORY)],
