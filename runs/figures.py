@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -24,10 +24,9 @@ from matplotlib.ticker import (
     StrMethodFormatter,
 )
 
-from runs.methods import METHODS
 from runs.record import Record
-from runs.statistics import bootstrap_interval, iqm, performance_profile
-from runs.tables import TaskTable, values
+from runs.statistics import bootstrap_interval, iqm
+from runs.tables import TaskTable
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _MARKERS = "oXs^DvP<>*hpd"
@@ -40,18 +39,34 @@ _STYLE: Any = {
 }
 
 
-def learning_curves(table: TaskTable) -> str:
+Styles = Mapping[str, dict[str, Any]]
+
+
+def styles_of(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """A look for each method: no two of the first 28 share colour and line, and none a marker nearby."""
+    return {
+        name: {
+            "color": _COLOURS[i % len(_COLOURS)],
+            "marker": _MARKERS[i % len(_MARKERS)],
+            "linestyle": _LINES[(i // len(_COLOURS)) % len(_LINES)],
+        }
+        for i, name in enumerate(dict.fromkeys(names))
+    }
+
+
+def learning_curves(table: TaskTable, styles: Styles | None = None) -> str:
     """IQM of the correct-policy rate over seeds against environment steps, with 95% intervals; SVG."""
-    figure, axes = _figure(7.5, 4.2)
-    for name, runs in _by_method(table.records).items():
+    styles = styles or styles_of(row.method for row in table.rows)
+    figure, axes = new_figure(7.5, 4.2)
+    for name, runs in _by_method(table).items():
         curves = [run.curve for run in runs if run.curve and "correct_policy_rate" in run.curve[0]]
         if not curves:
             continue
         steps = np.unique([entry["steps"] for curve in curves for entry in curve])
         rates = np.array([_held(curve, steps) for curve in curves])
-        style = _style(name)
+        style = styles[name]
         middle = [iqm(rates[:, i]) for i in range(len(steps))]
-        axes.plot(steps, middle, label=_plain(name), markevery=max(1, len(steps) // 6), markersize=6, **style)
+        axes.plot(steps, middle, label=plain(name), markevery=max(1, len(steps) // 6), markersize=6, **style)
         if len(curves) > 1:
             rng = np.random.default_rng(0)
             ends = [bootstrap_interval(rates[:, i], rng, resamples=200) for i in range(len(steps))]
@@ -64,13 +79,13 @@ def learning_curves(table: TaskTable) -> str:
     axes.set_ylim(-0.02, 1.04)
     axes.set_xlabel("environment steps")
     axes.set_ylabel("correct-policy rate, seen views")
-    return _svg(figure, axes)
+    return to_svg(figure, axes)
 
 
 def seen_against_heldout(table: TaskTable) -> str:
     """Correct-policy rate on views trained on and on views never seen, by method; SVG."""
     rows = [row for row in table.rows if row.correct is not None][::-1]
-    figure, axes = _figure(7.5, 0.9 + 0.34 * len(rows))
+    figure, axes = new_figure(7.5, 0.9 + 0.34 * len(rows))
     for y, row in enumerate(rows):
         assert row.correct is not None
         seen, heldout = row.correct, row.correct_heldout
@@ -80,14 +95,14 @@ def seen_against_heldout(table: TaskTable) -> str:
             axes.plot(heldout.value, y, "D", color=_COLOURS[1], label="held-out views", markersize=7)
         axes.plot([seen.low, seen.high], [y + 0.22] * 2, color=_COLOURS[0], linewidth=1.5)
         axes.plot(seen.value, y, "o", color=_COLOURS[0], label="seen views", markersize=8, fillstyle="none")
-    axes.set_yticks(range(len(rows)), [_plain(row.method) for row in rows])
+    axes.set_yticks(range(len(rows)), [plain(row.method) for row in rows])
     axes.set_xlim(-0.02, 1.04)
     axes.set_xlabel("correct-policy rate (IQM, 95% interval)")
-    return _svg(figure, axes)
+    return to_svg(figure, axes)
 
 
-def pareto(table: TaskTable, cost: str, label: str) -> str:
-    """Return against a cost of a decision, up and to the left is better; SVG.
+def pareto(table: TaskTable, cost: str, label: str, styles: Styles | None = None) -> str:
+    """Return against a cost of a decision or of training, up and to the left is better; SVG.
 
     Filled: held-out views, with the Pareto front through them; hollow: seen views.
 
@@ -96,8 +111,10 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
         cost: a figure of its rows, drawn on a logarithmic axis; methods without it or
             with 0 are left out and named under the axis.
         label: of that axis.
+        styles: looks of the methods, those of the whole report; of this table alone if not given.
     """
-    figure, axes = _figure(7.5, 4.2)
+    styles = styles or styles_of(row.method for row in table.rows)
+    figure, axes = new_figure(7.5, 4.2)
     points: list[tuple[float, float]] = []
     others: list[tuple[float, float]] = []
     returns: list[float] = []
@@ -106,13 +123,13 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
         x, seen, heldout = getattr(row, cost), row.return_mean, row.return_heldout
         if seen is None or not x:
             continue
-        style = _style(row.method) | {"linestyle": "none", "markersize": 9}
+        style = styles[row.method] | {"linestyle": "none", "markersize": 9}
         if heldout is not None:
             axes.plot([x, x], [heldout.value, seen.value], color="#bbbbbb", linewidth=1, zorder=1)
             axes.plot(x, seen.value, fillstyle="none", **style)
         earned = (heldout or seen).value
         told = some_heldout and heldout is None  # of seen views alone: hollow, and no part of the front
-        axes.plot(x, earned, label=_plain(row.method), fillstyle="none" if told else "full", **style)
+        axes.plot(x, earned, label=plain(row.method), fillstyle="none" if told else "full", **style)
         (others if told else points).append((x, earned))
         returns += [seen.value, earned]
     front: list[tuple[float, float]] = []
@@ -124,14 +141,14 @@ def pareto(table: TaskTable, cost: str, label: str) -> str:
     shown = [x for x, _ in [*points, *others]]
     _logarithmic(axes.xaxis, shown)
     words = [*textwrap.wrap(label, 64), *textwrap.wrap(left_out(table, cost), 64)]
-    axes.set_xlabel("\n".join(map(_plain, words)))
+    axes.set_xlabel("\n".join(map(plain, words)))
     axes.set_ylabel("return (IQM); filled: held out, hollow: seen")
     axes.margins(y=0.08)
     if spans_decades(returns):
         _symmetric(axes, returns)
     if shown:
         axes.set_xlim(min(shown) / 2, max(shown) * 2)
-    return _svg(figure, axes)
+    return to_svg(figure, axes)
 
 
 def left_out(table: TaskTable, cost: str) -> str:
@@ -171,30 +188,7 @@ def _symmetric(axes: Any, returns: Sequence[float]) -> None:
     axes.set_ylim(1.4 * low if low < -1 else low - 0.3, 1.4 * high if high > 1 else high + 0.3)
 
 
-def profiles(tables: Sequence[TaskTable]) -> str:
-    """Performance profiles: share of runs with at least a correct-policy rate, over all tasks; SVG."""
-    thresholds = np.linspace(0, 1, 101)
-    figure, axes = _figure(7.5, 4.2)
-    names = dict.fromkeys(row.method for table in tables for row in table.rows)
-    for name in names:
-        strata = []
-        for table in tables:
-            runs = [run for run in table.records if run.method == name]
-            rates = values(runs, "correct_policy_rate_heldout")
-            strata.append(rates if rates.size else values(runs, "correct_policy_rate"))
-        if all(array.size for array in strata):
-            shares = performance_profile(strata, thresholds)
-            style = _style(name)
-            axes.step(
-                thresholds, shares, where="pre", label=_plain(name), markevery=20, markersize=6, **style
-            )
-    axes.set_xlabel("correct-policy rate τ, held-out views")
-    axes.set_ylabel("share of runs with at least τ")
-    axes.set_ylim(-0.02, 1.04)
-    return _svg(figure, axes)
-
-
-def _figure(width: float, height: float) -> tuple[Figure, Any]:
+def new_figure(width: float, height: float) -> tuple[Figure, Any]:
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         axes = figure.subplots()
@@ -202,7 +196,7 @@ def _figure(width: float, height: float) -> tuple[Figure, Any]:
     return figure, axes
 
 
-def _svg(figure: Figure, axes: Any) -> str:
+def to_svg(figure: Figure, axes: Any) -> str:
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     if unique:
@@ -213,25 +207,13 @@ def _svg(figure: Figure, axes: Any) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
     """A name as text that Matplotlib takes for no formula and does not leave out of a legend."""
     return " " * name.startswith("_") + name.replace("$", r"\$")
 
 
-def _style(name: str) -> dict[str, Any]:
-    order = list(METHODS)
-    i = order.index(name) if name in order else sum(map(ord, name))
-    return {
-        "color": _COLOURS[i % len(_COLOURS)],
-        "marker": _MARKERS[i % len(_MARKERS)],
-        "linestyle": _LINES[(i // len(_COLOURS)) % len(_LINES)],
-    }
-
-
-def _by_method(records: Sequence[Record]) -> dict[str, list[Record]]:
-    order = {name: i for i, name in enumerate(METHODS)}
-    names = sorted({run.method for run in records}, key=lambda name: (order.get(name, len(order)), name))
-    return {name: [run for run in records if run.method == name] for name in names}
+def _by_method(table: TaskTable) -> dict[str, list[Record]]:
+    return {row.method: [run for run in table.records if run.method == row.method] for row in table.rows}
 
 
 def _held(curve: Sequence[dict[str, float]], steps: np.ndarray) -> np.ndarray:

@@ -43,11 +43,9 @@ def write_report(source: Path, out: Path | None = None) -> list[Path]:
     Returns:
         Their paths.
     """
-    found = contents(source)
     folder = out or (source.parent if source.is_file() else source)
-    name = source.stem if source.is_file() else "report"
-    if out is not None and found.header.name in study_names():
-        name = found.header.name  # reports of several studies may share a folder
+    name = _name(source, out)
+    found = contents(source, page=folder / f"{name}.html")
     texts = {f"{name}.{kind}": _rendered(kind, found, source.name) for kind in ("html", "md", "tex")}
     texts |= {f"{name}.csv": _csv(summary(found)), f"{name}-runs.csv": _csv(runs_of(found.records))}
     if any(found.effects.values()):
@@ -55,6 +53,17 @@ def write_report(source: Path, out: Path | None = None) -> list[Path]:
     for file, text in texts.items():
         record.write_atomically(folder / file, text)
     return [folder / file for file in texts]
+
+
+def _name(source: Path, out: Path | None) -> str:
+    """Of the report's files: `report` beside a study's runs, else the study's."""
+    if out is not None:
+        study = collect(source)[0].name
+        if out.resolve().name == study:
+            return "report"
+        if study in study_names():
+            return study  # reports of several studies may share a folder
+    return source.stem if source.is_file() else "report"
 
 
 def _rendered(kind: str, found: Contents, source: str) -> str:

@@ -11,9 +11,14 @@ from typing import Any
 
 from runs import cli, record
 from runs.ablations import Effect, effects
+from runs.figures import styles_of
 from runs.methods import METHODS
+from runs.published import Beside, beside
 from runs.record import Record, RecordError
-from runs.report_pictures import Picture, drawings_of, plots_of, plots_overall
+from runs.report_drawings import drawings_of
+from runs.report_kept import kept
+from runs.report_overall import OverallRow, methods_of, overall
+from runs.report_pictures import Picture, plots_of, plots_overall
 from runs.study import Header, load_study, study_names
 from runs.tables import TaskTable, task_tables, values
 
@@ -29,7 +34,35 @@ class Contents:
     plots: dict[str, list[Picture]] = field(default_factory=dict)  # by title of the task
     drawings: dict[str, list[Picture]] = field(default_factory=dict)
     effects: dict[str, list[Effect]] = field(default_factory=dict)
+    beside: dict[str, list[Beside]] = field(default_factory=dict)
     overall: list[Picture] = field(default_factory=list)
+    over: list[OverallRow] = field(default_factory=list)
+
+    def gazes(self, title: str) -> list[Picture]:
+        """Where methods look in a task, on the same images."""
+        return [each for each in self.drawings.get(title, []) if each.what == "gaze"]
+
+    def trees(self, title: str) -> list[Picture]:
+        """Trees of a task."""
+        return [each for each in self.drawings.get(title, []) if each.what == "tree"]
+
+    @property
+    def undrawn(self) -> str:
+        """Why tasks have no drawings, in one sentence; nothing if all have some."""
+        without = [title for title, found in self.drawings.items() if not found]
+        if not without:
+            return ""
+        which = (
+            "No drawings" if len(without) == len(self.drawings) else f"No drawings of {'; '.join(without)}"
+        )
+        return f"{which}: the runs left none, or their folders are gone and only their scores are kept."
+
+    def made(self, table: TaskTable | None = None) -> str:
+        """What a figure is made from: how many runs, by which command, at which commits."""
+        runs = self.records if table is None else table.records
+        commits = sorted({(run.git_commit or "no commit")[:12] for run in runs})
+        command = self.header.command or f"python -m runs.compare --study {self.header.name} --out DIR"
+        return f"{len(runs)} runs of `{command}` at {', '.join(commits)}"
 
     @property
     def commits(self) -> list[str]:
@@ -67,8 +100,14 @@ def collect(source: Path) -> tuple[Header, list[Record], dict[tuple[Any, ...], P
     return _header(source, records[0].study), records, folders
 
 
-def contents(source: Path, pictures: bool = True) -> Contents:
-    """Everything that the report of `source` shows; without plots and drawings if asked."""
+def contents(source: Path, pictures: bool = True, page: Path | None = None) -> Contents:
+    """Everything that the report of `source` shows.
+
+    Args:
+        source: folder of a study, or a `.jsonl` file of scores.
+        pictures: with plots and drawings.
+        page: the page that the report replaces, for drawings of runs whose folders are gone.
+    """
     header, records, folders = collect(source)
     notes = {(env, variant): note for env, variant, note, _ in header.tasks}
     order = header.methods or list(METHODS)
@@ -76,11 +115,15 @@ def contents(source: Path, pictures: bool = True) -> Contents:
     found = Contents(header, tables, records, _missing(header, records))
     for table in tables:
         found.effects[table.title] = effects(table)
+        found.beside[table.title] = beside(table)
+    found.over.extend(overall(tables, header.reference))
     if pictures:
+        styles = styles_of(methods_of(tables))
+        before = {} if page is None else kept(page, records)
         for table in tables:
-            found.plots[table.title] = plots_of(table)
-            found.drawings[table.title] = drawings_of(table, folders)
-        found.overall.extend(plots_overall(tables))
+            found.plots[table.title] = plots_of(table, styles)
+            found.drawings[table.title] = drawings_of(table, folders, before)
+        found.overall.extend(plots_overall(tables, found.over, header.reference))
     return found
 
 

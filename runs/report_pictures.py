@@ -1,43 +1,42 @@
-"""The pictures of a report: plots of its tables, and drawings that runs left on disk.
-
-Plots are SVG, drawings WebP small enough for a page; each has its content in words.
-"""
+"""The plots of a report, as SVG with what they show in words."""
 
 from __future__ import annotations
 
 import base64
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-
-from PIL import Image
 
 from runs import figures
+from runs.report_overall import OverallRow, common_ground, improvement, methods_of, profiles
 from runs.tables import TaskTable
-from runs.wording import number
+from runs.wording import estimate, number
 
-LARGEST_PICTURE = 30_000_000  # bytes of a file
-MOST_PIXELS = 100_000_000
-WIDEST = 1400  # pixels of a drawing on the page
 #: Figures of a row that returns are drawn against.
 COSTS = {
     "pixel_fraction": "pixels read per decision / pixels of the image",
     "milliseconds": "cold milliseconds per decision (median)",
     "operations": "operations per decision (MACs of a network; a tree's taps, votes, distance terms)",
+    "train_cpu_s": "CPU seconds of training, all that was prepared included",
 }
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing: WebP bytes, or SVG text, and what it shows in words."""
+    """A plot (SVG) or a drawing of a run (WebP), and what it shows in words.
+
+    Attributes:
+        note: what the eye would miss.
+        run: of a drawing, the stamp of its run (`runs.report_kept.stamp`).
+        what: of a drawing, "tree" or "gaze".
+    """
 
     title: str
     alt: str
     data: bytes
     kind: str = "svg+xml"
-    note: str = ""  # what the eye would miss
+    note: str = ""
+    run: str = ""
+    what: str = ""
 
     @property
     def uri(self) -> str:
@@ -45,8 +44,8 @@ class Picture:
         return f"data:image/{self.kind};base64,{base64.b64encode(self.data).decode()}"
 
 
-def plots_of(table: TaskTable) -> list[Picture]:
-    """What a task's table says, drawn."""
+def plots_of(table: TaskTable, styles: figures.Styles | None = None) -> list[Picture]:
+    """What a task's table says, drawn; methods look the same in all plots of one `styles`."""
 
     def best(figure: str) -> str:
         found = [(e.value, row.method) for row in table.rows if (e := getattr(row, figure)) is not None]
@@ -54,10 +53,10 @@ def plots_of(table: TaskTable) -> list[Picture]:
 
     plots = [
         _plot(
-            "Learning curves",
-            f"Correct-policy rate on seen views against environment steps, {len(table.rows)} methods. "
-            f"Highest at the end: {best('correct')}.",
-            figures.learning_curves(table),
+            "Learning curves: sample efficiency",
+            f"Correct-policy rate on seen views against environment steps, {len(table.rows)} methods; "
+            f"inter-quartile means and 95% intervals. Highest at the end: {best('correct')}.",
+            figures.learning_curves(table, styles),
         ),
         _plot(
             "Seen against held-out views",
@@ -72,57 +71,34 @@ def plots_of(table: TaskTable) -> list[Picture]:
         text = f"Return against {label}, on held-out (filled) and seen views (hollow); the values are those "
         text += f"of the tables. Highest on held-out views: {best('return_heldout')}."
         note = figures.left_out(table, cost)
-        plots.append(_plot(f"Return against {label}", text, figures.pareto(table, cost, label), note))
+        plots.append(_plot(f"Return against {label}", text, figures.pareto(table, cost, label, styles), note))
     return plots
 
 
-def plots_overall(tables: Sequence[TaskTable]) -> list[Picture]:
-    """Plots over all tasks of a study; none if there is one task."""
-    if len(tables) < 2:
-        return []
-    text = "Performance profiles over all tasks: share of runs by the correct-policy rate they reach."
-    return [_plot("Performance profiles", text, figures.profiles(tables))]
-
-
-def drawings_of(table: TaskTable, folders: Mapping[tuple[Any, ...], Path]) -> list[Picture]:
-    """Tree and gaze of each method's first seed on disk."""
-    drawings, seen = [], set()
-    order = [row.method for row in table.rows]
-    for run in sorted(table.records, key=lambda run: (order.index(run.method), run.seed)):
-        if run.method in seen or run.key not in folders:
-            continue
-        seen.add(run.method)
-        for file, what in (("tree.png", "tree"), ("gaze.png", "gaze")):
-            data = _picture(folders[run.key] / file)
-            if data is None:
-                continue
-            alt = (
-                f"Tree of {run.method}, seed {run.seed}: {run.tree_leaves} leaves, "
-                f"mean depth {number(run.tree_depth)}; each node with the patch it looks at."
-                if what == "tree"
-                else f"What {run.method}, seed {run.seed}, reads of five images: "
-                f"{number(run.pixel_fraction)} of the pixels of an image on average."
-            )
-            drawings.append(Picture(f"{run.method}: {what}, seed {run.seed}", alt, data, "webp"))
-    return drawings
+def plots_overall(tables: Sequence[TaskTable], rows: Sequence[OverallRow], reference: str) -> list[Picture]:
+    """Plots over all tasks of a study: performance profiles, and who beats the reference how often."""
+    styles = figures.styles_of(methods_of(tables))
+    plots = []
+    names, where = common_ground(tables)
+    if names:
+        over = f"{len(where)} task{'s' if len(where) > 1 else ''} that all {len(names)} methods drawn ran in"
+        text = (
+            f"Share of runs by the correct-policy rate that they reach, over {over}; bands are 95% intervals."
+        )
+        others = [row.method for row in rows if row.method not in names]
+        note = f"Over the {over}" + (f"; not drawn: {', '.join(others)}" if others else "")
+        plots.append(_plot("Performance profiles", text, profiles(tables, styles), note))
+    compared = [(row.method, row.better) for row in rows if row.better is not None]
+    if compared:
+        said = ", ".join(f"{name} {estimate(better)}" for name, better in compared)
+        text = f"Probability that a run earns more than one of {reference}, with 95% intervals: {said}."
+        title = f"Probability of improvement over {reference}"
+        note = (
+            "Ties count half; on held-out views where there are any; averaged over the tasks that both ran in"
+        )
+        plots.append(_plot(title, text, improvement(rows, reference, styles), note))
+    return plots
 
 
 def _plot(title: str, alt: str, svg: str, note: str = "") -> Picture:
     return Picture(title, f"{alt} {note}.".removesuffix(" ."), svg.encode(), note=note)
-
-
-def _picture(path: Path) -> bytes | None:
-    """A drawing of a run as WebP, small enough for a page; None if there is none or it is no sane PNG."""
-    if not path.is_file() or path.stat().st_size > LARGEST_PICTURE:
-        return None
-    try:
-        with Image.open(path, formats=["PNG"]) as drawing:
-            if drawing.width * drawing.height > MOST_PIXELS:
-                return None
-            shown = drawing.convert("RGB")
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # Pillow's words for a bad file
-        return None
-    shown.thumbnail((WIDEST, WIDEST))
-    data = io.BytesIO()
-    shown.save(data, "WEBP", quality=80)
-    return data.getvalue()

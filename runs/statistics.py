@@ -145,6 +145,25 @@ def performance_profile(scores: Strata | np.ndarray, thresholds: np.ndarray) -> 
     return np.mean(shares, axis=0)
 
 
+def profile_interval(
+    scores: Strata | np.ndarray,
+    thresholds: np.ndarray,
+    rng: np.random.Generator,
+    confidence: float = 0.95,
+    resamples: int = 500,
+) -> np.ndarray:
+    """Pointwise stratified bootstrap interval of a performance profile; `(2, len(thresholds))`."""
+    thresholds = np.asarray(thresholds, float)
+    strata = _strata(scores)
+    shares = np.zeros((resamples, len(thresholds)))
+    for array in strata:
+        reached = (array[:, None] >= thresholds[None, :] - 1e-9).astype(float)
+        times = rng.multinomial(array.size, np.full(array.size, 1 / array.size), resamples)
+        shares += times @ reached / array.size
+    ends = [(1 - confidence) / 2, (1 + confidence) / 2]
+    return np.asarray(np.quantile(shares / len(strata), ends, axis=0))
+
+
 def paired_effect(
     scores: Strata | np.ndarray,
     base: Strata | np.ndarray,

@@ -153,11 +153,11 @@ def test_page_escapes_and_asks_for_nothing(tmp_path: Path) -> None:
     assert markdown.count("<script") == 1  # the command, in a code span
     assert not re.search(r"(?<!\\)(\]\(http|`x)", markdown.replace("`" + EVIL.replace("`", "") + "`", ""))
     rows = [re.sub(r"\\.", "", line) for line in markdown.splitlines() if line.startswith("| ")]
-    assert {row.count("|") for row in rows} <= {11, 16}
+    assert {row.count("|") for row in rows} <= {8, 11, 16}
     latex = latex_path.read_text()
     rows = [line for line in latex.splitlines() if line.endswith(r" \\")]
     body = [row for row in rows if not row.startswith(("P(", "leaves"))]
-    assert {len(re.findall(r"(?<!\\)&", row)) for row in body} <= {9, 14}
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in body} <= {6, 9, 14}
     assert "\\frac" not in latex and latex.count("textbackslash{}frac") >= 8
     assert latex.count("{") - latex.count("\\{") == latex.count("}") - latex.count("\\}")
 
