@@ -22,9 +22,11 @@ from runs import cli, experiments
 from runs.compare import RESULTS
 from runs.experiments.experiment import Experiment, Line
 from runs.experiments.store import Fingerprints, Store
+from runs.methods import FAMILIES
 from runs.record import RecordError
-from runs.reliability.row import read_counts
+from runs.reliability.row import Count, read_counts
 from runs.report import collect
+from runs.study import cells, load_study, study_names
 from runs.tables import Row, TaskTable, task_tables
 from runs.thesis import source
 from runs.wording import duration, estimate, markdown_cell, number
@@ -141,6 +143,16 @@ def verdicts(tables: dict[str, TaskTable]) -> str:
     return _markdown(head, rows) + "\n\nC_a < C_b for S-Tree (a) against RLVC (b):\n\n" + "\n".join(lines)
 
 
+def studies() -> str:
+    """The studies that ship: what they ask, how many runs that is, and their CPU hours as stated."""
+    rows = []
+    for name in study_names():
+        study = load_study(name)
+        hours = f"{study.cpu_hours:g}"
+        rows.append([f"`{name}`", study.title, str(len(cells(study, FAMILIES))), str(study.seeds), hours])
+    return _markdown(["study", "what it is about", "runs", "seeds", "CPU hours"], rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "gridworld": lambda: comparison(_tables("gridworld")["distinct"]),
     "five-views": lambda: comparison(_tables("gridworld")["five-views"]),
@@ -148,6 +160,7 @@ TABLES: dict[str, Callable[[], str]] = {
         _tables("gridworld"), ["distinct", "share-three", "share-seven", "share-two"]
     ),
     "sizes": lambda: trees(_tables("gridworld"), ["distinct", "6x6", "10x10"]),
+    "studies": studies,
     "equation-8.1": lambda: verdicts({**_tables("trees"), **_tables("large")}),
 }
 
@@ -209,11 +222,23 @@ def reliability() -> str:
         for each in counts
     ]
     failed = [f"- {each.row}, {markdown_cell(text)}" for each in counts for text in each.failed]
-    commits = sorted({(each.git_commit or "outside version control")[:7] for each in counts})
-    where = f"`{counts[0].command}`: {duration(sum(each.cpu_s for each in counts))} of CPU, computed at "
-    parts = [_markdown(head, rows), "What did not hold:\n\n" + "\n".join(failed) if failed else "", where]
-    parts[-1] += ", ".join(f"`{commit}`" for commit in commits) + "."
-    return "\n\n".join(part for part in parts if part)
+    parts = [_markdown(head, rows), "What did not hold:\n\n" + "\n".join(failed) if failed else ""]
+    return "\n\n".join(part for part in [*parts, _computed(counts)] if part)
+
+
+def _computed(counts: Sequence[Count]) -> str:
+    """By which command and at which commit; rows that were counted apart from most are named."""
+    together: dict[tuple[str, str], list[Count]] = {}
+    for each in counts:
+        commit = each.git_commit or "outside version control"
+        short = commit[:7] + commit[40:] if len(commit) >= 40 else commit
+        together.setdefault((each.command, short), []).append(each)
+    lines: list[str] = []
+    for (command, commit), found in sorted(together.items(), key=lambda item: -len(item[1])):
+        names = f" ({', '.join(each.row for each in found)})" if lines else ""
+        cpu = duration(sum(each.cpu_s for each in found))
+        lines.append(f"`{command}`{names}: {cpu} of CPU, computed at `{commit}`.")
+    return "\n".join(f"- {line}" for line in lines) if len(lines) > 1 else lines[0]
 
 
 def filled(text: str) -> str:

@@ -3,6 +3,7 @@
     python -m runs.reliability                      # all rows; goes on where it stopped
     python -m runs.reliability kill-worker --trials 3
     python -m runs.reliability --publish            # make the counts the committed ones
+    python -m runs.reliability kill-worker --publish    # those of a row; the others stay as they are
 
 A trial leaves its outcome in `out/`, one file each; those of another commit or seed are done again.
 A trial's random numbers follow from the seed, the row and the trial's number, so that a failure can be
@@ -24,7 +25,7 @@ import tyro
 
 from runs import cli, parallel, record
 from runs.progress import Progress
-from runs.reliability.row import Count, Outcome, Row, attempt, count, read_outcome, to_line
+from runs.reliability.row import Count, Outcome, Row, attempt, count, read_counts, read_outcome, to_line
 from runs.reliability.rows import ROWS
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "reliability.jsonl"
@@ -61,16 +62,15 @@ def main(
         out: folder of the outcomes.
         trials: of each row instead of its own number.
         seed: of all trials.
-        publish: write the counts to the committed ones; needs every row with its own number of trials.
+        publish: write the counts among the committed ones, in place of those of the same rows; needs their
+            own number of trials.
         results: file of the committed counts.
     """
     chosen = [ROWS[cli.known("row", name, ROWS)] for name in rows] or list(ROWS.values())
     if trials is not None and trials < 1:
         raise cli.UserMistake(f"--trials is {trials}; expected at least 1")
-    if publish and (rows or trials is not None):
-        raise cli.UserMistake(
-            "--publish is for all rows with their own numbers of trials: leave ROW and --trials out"
-        )
+    if publish and trials is not None:
+        raise cli.UserMistake("--publish is for rows with their own numbers of trials: leave --trials out")
     jobs = [Job(row, number) for row in chosen for number in range(trials or row.trials)]
     command = f"python -m runs.reliability {shlex.join(sys.argv[1:])}".strip()
     with parallel.locked(out, "runs.reliability"), cli.mistakes_of(record.RecordError):
@@ -78,10 +78,19 @@ def main(
     counts = [count(row, [o for o in done if o.row == row.name], seed, command) for row in chosen]
     for each in counts:
         print(line(each))
-    path = results if publish else out / "reliability.jsonl"
-    record.write_atomically(path, "".join(to_line(each) + "\n" for each in counts))
+    path, written = out / "reliability.jsonl", counts
+    if publish:
+        with cli.mistakes_of(record.RecordError):
+            path, written = results, among(counts, read_counts(results) if results.exists() else [])
+    record.write_atomically(path, "".join(to_line(each) + "\n" for each in written))
     print(f"written to {path}")
     return 1 if any(each.failed for each in counts) else 0
+
+
+def among(counts: Sequence[Count], committed: Sequence[Count]) -> list[Count]:
+    """Counts in place of committed ones of the same rows, in the order of the table; what is no row goes."""
+    by_row = {each.row: each for each in (*committed, *counts)}
+    return [by_row[name] for name in ROWS if name in by_row]
 
 
 def tried(jobs: Sequence[Job], out: Path, seed: int) -> list[Outcome]:

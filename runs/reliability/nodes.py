@@ -139,7 +139,8 @@ ROWS = (
     Row(
         "kill-ray-node",
         "kill -9 of one of two Ray nodes, both simulated on one machine, while a job runs on it",
-        "scores equal those of an uninterrupted run without Ray to the last bit; nothing is lost or counted twice",
+        "scores equal those of an uninterrupted run without Ray to the last bit; nothing is lost or "
+        "counted twice",
         node,
         50,
     ),

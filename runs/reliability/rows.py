@@ -6,5 +6,7 @@ from runs.reliability import determinism, files, folders, images, killed, nodes,
 from runs.reliability.row import Row
 
 ROWS: dict[str, Row] = {
-    row.name: row for each in (killed, folders, determinism, files, images, worlds, nodes) for row in each.ROWS
+    row.name: row
+    for each in (killed, folders, determinism, files, images, worlds, nodes)
+    for row in each.ROWS
 }
