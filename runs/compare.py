@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -249,7 +249,7 @@ def main(
 
     settings = cli.settings_from(set)
     chosen = narrowed(load_study(study), seeds, only, steps, settings)
-    _check(chosen, settings)
+    check(chosen)
     if settings and publish:
         raise cli.UserMistake("--set changes the study: its scores cannot be published as the study's")
     if chosen.seeds < 1 or (workers is not None and workers < 1) or (steps is not None and steps < 1):
@@ -280,17 +280,19 @@ def main(
     return 1 if failed else 0
 
 
-def _check(study: Study, settings: Mapping[str, Any]) -> None:
-    """Refuse a setting that a method or a variant of the study does not have, before anything runs."""
-    told = {name: dict(settings) for name in study.all_methods if settings}
+def check(study: Study) -> None:
+    """Refuse what a study cannot mean, before anything runs.
+
+    Raises:
+        UserMistake: a variant has the name of a method, or a method or a setting does not exist.
+    """
     for change in study.variants:
-        told[change.method] = {**change.settings, **settings}
         if change.method in METHODS:
             raise cli.UserMistake(f"{change.method} is a method of its own: give the variant another name")
-    for name, all_settings in told.items():
-        build = METHODS[cli.known("method", study.registered(name), METHODS)].build
-        if isinstance(build, Constructor):
-            build.checked(all_settings)
+    for cell in cells(replace(study, seeds=1), FAMILIES):
+        build = METHODS[cell.registered].build
+        if isinstance(build, Constructor) and cell.method_settings:
+            build.checked(cell.method_settings)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from runs import cli, compare, record
+from envs import REGISTERED
+from runs import cli, compare, record, run
 from runs.cli import UserMistake
 from runs.methods import FAMILIES
 from runs.record import TIMES, RecordError
@@ -163,6 +164,18 @@ def test_every_study_is_well_formed(name: str) -> None:
     assert study.name == name and len({cell.key for cell in everything}) == len(everything)
     assert len({cell.fingerprint for cell in everything}) == len(everything)
     assert study.reference in study.methods and study.seeds >= 3
+    compare.check(study)
+    for cell in everything:
+        assert run.is_ours(cell.env) and cell.env in REGISTERED, cell
+
+
+def test_everything_shares_its_runs_with_the_studies_that_its_tasks_come_from() -> None:
+    shared = {"gridworld", "cue", "navigation", "recognition", "ablate_stree"}
+    ours = {cell.fingerprint: cell for cell in cells(load_study("everything"), FAMILIES)}
+    theirs = {cell.fingerprint for name in shared for cell in cells(load_study(name), FAMILIES)}
+    assert len(ours.keys() & theirs) > 0.75 * len(ours)
+    for name in ("navigation", "recognition"):
+        assert {cell.fingerprint for cell in cells(load_study(name), FAMILIES)} <= ours.keys()
 
 
 def test_settings_are_changed_for_all_methods_and_checked_before_anything_runs(

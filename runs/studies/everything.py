@@ -4,11 +4,11 @@ Its runs are those of `gridworld`, `cue`, `navigation` and `recognition` whereve
 their committed scores are taken over. Pairs that are left out make no sense: what reads symbols has none
 to read in worlds of images; AssociativeQ chooses where to look where the place is part of the action; RAM is
 taught classes, in worlds of one step; RecurrentPPO is told the number of the image, and remembers, which
-pays where images hide the state. Trees over features of images do not run on drawings of roads, which show
-the driver what he attended as symbols do.
+pays where images hide the state. Trees and tables choose one of a list of actions, a driver two things
+at once.
 
-Every method has the settings that its own study gives it, chosen on seeds of 100 and more; what was tried for
-each is in its docstring, nothing was tried for this table.
+Settings are the defaults of each method (what was tried for them is said in its module) and those that the
+study gives where a task comes from; nothing was tried for this table.
 """
 
 from runs.studies.ablate_stree import STUDY as STREE

@@ -3,7 +3,8 @@
 On the maps of chapter 6 some methods are told which objects are in view (`ObjectTree`, `UTree`: truth in the
 place of perception) and some see the scene: the two do not compete. What perception makes of the objects is
 in the experiments `figure-6.10-perception` and `figure-6.14`. On the roads of chapter 4 the place attended is
-part of the action, so that `AssociativeQ` belongs there alone; a tree asks about symbols there.
+part of the action: `AssociativeQ` belongs there alone, and trees and tables, which choose one of a list of
+actions, not at all.
 
 Networks: 5,120 steps, 20 rollouts. Scenes are 160×120 in the place of 360×270, at which NatureCNN on the full
 image would take most of the study's time.
@@ -69,15 +70,14 @@ STUDY = Study(
         Task(
             "attn_tree/Driving-c-v0",
             "roads",
-            {"tree": 160_000, "network": 5_120, "control": 160_000, "Random": 2_048},
+            {"network": 5_120, "control": 160_000},
             note="Crosses and three-ways; what is seen depends on where one looked",
-            methods=["AssociativeQ", "UTree", "SaliencyGlimpse", "NaturePPO-48", *_BOUNDS],
+            methods=["AssociativeQ", "SaliencyGlimpse", "NaturePPO-48"],
             method_settings={
                 "AssociativeQ": {
                     "learning_rate": {"linear": [0.3, 0.02, 1.0]},
                     "epsilon": {"linear": [1.0, 0.1, 0.6]},
                 },
-                "UTree": {"episodes_per_phase": 200},
             },
         ),
     ],
