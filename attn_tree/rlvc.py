@@ -114,7 +114,14 @@ class FeatureVocabulary(Vocabulary):
         return table
 
     def question_from_json(self, value: Any) -> int:
-        """A feature's number."""
+        """A feature's number.
+
+        Raises:
+            ValueError: there is no such feature.
+        """
+        known = 0 if self.features is None else len(self.features)
+        if not 0 <= int(value) < known:
+            raise ValueError(f"a question asks for feature {value}, of {known}")
         return int(value)
 
     def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -77,7 +77,7 @@ class Swarm:
 
     def _check(self) -> None:
         """Refuse arrays that do not go together."""
-        one = (len(self.positions),)
+        one = self.positions.shape[:1]
         shapes = {
             **dict.fromkeys(("positions", "velocities", "best_positions", "exemplars"), self.positions.shape),
             **dict.fromkeys(("best_values", "stagnation"), one),

@@ -137,6 +137,8 @@ class WindowThresholds(WindowReading):
         kind, x, y, part, level = value
         if kind not in (*CHANNELS, MATCH):
             raise ValueError(f"{kind!r} is nothing that a window is asked for")
+        if kind == MATCH and int(part) not in self.patches:
+            raise ValueError(f"a question asks for patch {part}, which is missing")
         return Look(str(kind), int(x), int(y), int(part), float(np.float32(level)))
 
     def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -25,7 +25,10 @@ def opened(file: Path) -> Iterator[Image.Image]:
         with Image.open(file, formats=FORMATS) as picture:
             if picture.width * picture.height > MOST_PIXELS:
                 raise ValueError("too large")
-            picture.load()
+            try:
+                picture.load()
+            except Exception as reason:  # a damaged file makes a decoder trip over anything
+                raise ValueError("damaged") from reason
             yield picture
     except FileNotFoundError:
         raise FileNotFoundError(f"{file} is not there; expected an image") from None

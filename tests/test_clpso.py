@@ -122,6 +122,8 @@ def test_invariants(seed: int, outside: str, low: float, width: float, stop: int
     assert first.iteration == stop
     meta, arrays = first.state()
     kept = Swarm.from_state(json.loads(json.dumps(meta)), arrays)
+    with pytest.raises(ValueError, match="shape"):
+        Swarm.from_state(meta, {**arrays, "positions": np.zeros(())})
     resumed = clpso(objective, box, np.random.default_rng(99), options, resume=kept)
     batch = clpso(
         lambda x: (x * [1, -2, 3]).sum(axis=1), box, np.random.default_rng(seed), options, batched=True

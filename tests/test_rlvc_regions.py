@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from attn_tree import RLVC
 from attn_tree.regions import REGIONS, regions, scaled_window
+from attn_tree.rlvc import FeatureVocabulary
 from attn_tree.vision.retina import Retina, meter
 from attn_tree.vision.saliency import saliency_map
+from attn_tree.vision.sift import DESCRIPTOR_SIZE
 from envs.sb3 import make_vec
 
 GRID = "attn_tree/VisualGridworld-4x4-v0"
@@ -171,3 +173,12 @@ def test_a_stored_model_looks_at_the_same_places(tmp_path: Path) -> None:
 def test_mistakes_are_named_when_the_learner_is_made(change: dict[str, Any], word: str) -> None:
     with pytest.raises(ValueError, match=word):
         RLVC(grid(), **change)
+
+
+def test_a_question_about_a_feature_that_is_missing_is_refused() -> None:
+    words = FeatureVocabulary(0.8, 0.8)
+    words.restore({}, {"features": np.zeros((2, DESCRIPTOR_SIZE), np.float32)})
+    assert words.question_from_json(1) == 1
+    for missing in (2, -1):
+        with pytest.raises(ValueError, match=f"feature {missing}, of 2"):
+            words.question_from_json(missing)
