@@ -28,23 +28,19 @@ def cluster_ends() -> Iterator[None]:
 
 @needs_ray
 def test_two_nodes_give_the_scores_of_loky(tmp_path: Path) -> None:
-    with nodes.two_nodes() as (address, _):
-        assert address.startswith("127.0.0.1:")  # nobody else can reach it
-        said = nodes.study(address, tmp_path)
-        staged.same(tmp_path)
+    with nodes.two_nodes() as (address, _), ray_backend.connected(address) as workers:
+        assert address.startswith("127.0.0.1:") and workers == 2  # nobody else can reach it
+        said = nodes.study(tmp_path / "a", workers)
+        staged.same(tmp_path / "a")
         assert said.count("] ") == staged.RUNS and "died" not in said
-        # The same command again has nothing to do.
-        assert "] " not in nodes.study(address, tmp_path)
+        assert "] " not in nodes.study(tmp_path / "a", workers)  # there is nothing left to do
 
-        # A run that fails, a job that cannot be sent home: said, and the others go on.
         broken = replace(staged.study(), seeds=1, settings={"ThumbnailQ": {"size": -1}})
-        with ray_backend.connected(address) as workers:
-            assert workers == 2
-            (outcome,) = compare.run_study(
-                broken, tmp_path / "b", workers=workers, backend="ray", results=tmp_path
-            )
-        assert outcome.job.method == "ThumbnailQ" and outcome.error
-        assert "Traceback" in (outcome.job.folder(tmp_path / "b") / parallel.ERROR).read_text()
+        out = tmp_path / "b"
+        (outcome,) = compare.run_study(broken, out, workers=workers, backend="ray", results=out)
+    assert outcome.job.method == "ThumbnailQ" and outcome.error
+    assert "Traceback" in (outcome.job.folder(out) / parallel.ERROR).read_text()
+    assert len(staged.scores(out)) == 1  # the other one went on
 
 
 @needs_ray

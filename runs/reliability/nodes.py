@@ -33,7 +33,7 @@ def node(trial: Trial) -> None:
     """Kill one of two nodes at a random moment at which it has a job; the driver goes on by itself."""
     out = trial.folder / "study"
     runs = int(trial.rng.integers(0, staged.SEEDS))  # of the first seeds, that are done by then
-    with two_nodes() as (address, other):
+    with two_nodes() as (address, other), ray_backend.connected(address) as workers:
         ended, killed = threading.Event(), threading.Event()
 
         def kill() -> None:
@@ -47,7 +47,7 @@ def node(trial: Trial) -> None:
         killer = threading.Thread(target=kill)
         killer.start()
         try:
-            said = study(address, out)
+            said = study(out, workers)
         finally:
             ended.set()
             killer.join()
@@ -56,14 +56,14 @@ def node(trial: Trial) -> None:
     assert said.count("[") == staged.RUNS, "a run was counted twice"
 
 
-def study(address: str, out: Path) -> str:
-    """The staged study on a cluster; what was said on the way.
+def study(out: Path, workers: int) -> str:
+    """The staged study on the cluster that this process has joined; what was said on the way.
 
     Raises:
         AssertionError: a run failed.
     """
     said = io.StringIO()
-    with contextlib.redirect_stderr(said), ray_backend.connected(address) as workers:
+    with contextlib.redirect_stderr(said):
         failed = compare.run_study(staged.study(), out, workers=workers, backend="ray", results=out)
     assert not failed, failed[0].error
     return said.getvalue()
