@@ -247,10 +247,11 @@ class TableLearner(BaseAlgorithm):
             progress_bar,
         )
         self._next_log = self._episode_num + log_interval
-        callback.on_training_start(locals(), globals())
         if self._last_obs is not before or self._present is None:
             self._present = self._perceive(self._last_obs)
+        callback.on_training_start(locals(), globals())
         while self.num_timesteps < total_timesteps and not self._finished():
+            callback.on_rollout_start()  # a rollout is one step: nothing is half done here
             self._update_current_progress_remaining(self.num_timesteps, total_timesteps)
             percepts = self._present
             actions = self._choose(self.values[self._rows(percepts)])

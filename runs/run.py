@@ -2,23 +2,20 @@
 
 A run has two steps, and a file on disk ends each: `train` leaves the model and
 `trained.json`; `measure` times the decisions of several runs of one task side by side and
-leaves `result.json`. A run cut short starts again from its beginning with the same
-outcome, since everything in it follows from its seeds.
+leaves `result.json`. A run cut short goes on from its last checkpoint (`runs.checkpoint`), or
+starts again if there is none; the outcome is the same, since everything in it follows from its seeds.
 """
 
 from __future__ import annotations
 
 import contextlib
-import inspect
 import json
 import shlex
 import shutil
 import sys
 import threading
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
-from importlib import import_module
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +23,11 @@ import numpy as np
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import VecCheckNan
+from torch.utils.tensorboard import SummaryWriter
 
 from attn_tree.tree.storage import ArchiveError
-from runs import cli, drawing, evaluation, models, record
+from runs import checkpoint, cli, drawing, evaluation, models, record
+from runs.checkpoint import Checkpoints, Kept, Recorder, Stopwatch
 from runs.costs import (
     Subject,
     decision_times,
@@ -38,36 +36,20 @@ from runs.costs import (
     pin_threads,
     pixel_cost,
 )
+from runs.environments import full_id, has_bank, is_ours, make_env
 from runs.evaluation import remembers
 from runs.methods import METHODS, Method
 from runs.playing import Percept, apart, beginnings, play
 from runs.study import Cell
 from runs.tensorboard import StudyCallback, write_summary
 
+__all__ = ["full_id", "is_ours", "make_env", "measure", "train"]
+
 MODEL, TRAINED, RESULT, CONFIG = "model.zip", "trained.json", "result.json", "config.json"
 SAMPLED_EPISODES = 20  # where an environment is not a World
 LONGEST_EPISODE = 30_000  # of their steps: the longest of Gymnasium's own are 27,000
-
-
-def make_env(method: Method, env: str, settings: Mapping[str, Any], n_envs: int, seed: int) -> Any:
-    """The environment that a method trains in: ours with the observations it wants, or anybody's."""
-    from envs.sb3 import make_vec
-
-    if is_ours(env):
-        if "builder" in settings:  # names code to call, and settings may come from a file
-            raise ValueError("'builder' is fixed by the environment's id and cannot be set")
-        if "obs" in settings:
-            raise ValueError(f"obs is set by the method ({method.name}: obs='{method.obs}'): leave it out")
-        if (
-            "flip" in settings or "readings" in settings
-        ):  # a policy of what is read, not of the world's images
-            raise ValueError(
-                "flip and readings are of a sensor that errs, behind which runs are not scored: learn with "
-                "envs.sb3.make_vec(..., flip=, readings=), as the experiment figure-6.14 does"
-            )
-        return make_vec(env, n_envs=n_envs, seed=seed, obs=method.obs, **settings)
-    # A learner that is given what is no number learns that nothing is one, without a word.
-    return VecCheckNan(make_vec(env, n_envs=n_envs, seed=seed, **settings), raise_exception=True)
+# What a learning curve is made of, for checkpoints.
+_OF_CURVE = ("curve", "steps_to_correct", "phases_to_correct", "cpu_s", "wall_s", "_next")
 
 
 @contextlib.contextmanager
@@ -86,25 +68,38 @@ def _raised_by_the_writer() -> Iterator[None]:
         threading.excepthook = shown
 
 
+@dataclass(frozen=True)
+class _Learned:
+    """A model that has learned, its environment, its learning curve, and the seconds that it took."""
+
+    model: Any
+    env: Any
+    curve: StudyCallback
+    cpu_s: float
+    wall_s: float
+    prepare_cpu_s: float
+
+
 @_raised_by_the_writer()
-def train(cell: Cell, folder: Path) -> None:
-    """Train one run and leave its model, pictures and `trained.json` in `folder`."""
+def train(cell: Cell, folder: Path, checkpoint_every: float = checkpoint.EVERY) -> None:
+    """Train one run and leave its model, pictures and `trained.json` in `folder`.
+
+    Args:
+        cell: the run.
+        folder: where; the checkpoint of a run cut short in it is taken up.
+        checkpoint_every: seconds between checkpoints, see `runs.checkpoint`.
+    """
     pin_threads()
-    shutil.rmtree(folder / "tensorboard", ignore_errors=True)
     method = METHODS[cell.registered]
     config = {**asdict(cell), "fingerprint": cell.fingerprint, "command": command_line()}
     record.write_atomically(folder / CONFIG, json.dumps(config, indent=1, default=str) + "\n")
-    with cli.mistakes():
-        env = make_env(method, cell.env, _env_settings(cell), method.n_envs, cell.seed)
-        clock = time.process_time(), time.perf_counter()
-        model = method.build(env, cell.seed, **_method_settings(cell, method))
-    prepared = time.process_time() - clock[0]
-    callback = _callback(cell, method, env)
-    with contextlib.closing(configure(str(folder / "tensorboard"), ["tensorboard"])) as logger:
-        model.set_logger(logger)
-        model.learn(cell.steps, callback=CallbackList([callback, *_extra_callbacks(cell, env)]))
-    cpu = time.process_time() - clock[0] - callback.cpu_s
-    wall = time.perf_counter() - clock[1] - callback.wall_s
+    kept = checkpoint.read(folder / checkpoint.FILE, cell.fingerprint)
+    try:
+        learned = _learned(cell, folder, checkpoint_every, kept)
+    except checkpoint.Unusable as error:
+        print(f"{error}; the run starts anew", file=sys.stderr)
+        learned = _learned(cell, folder, checkpoint_every, None)
+    model, curve = learned.model, learned.curve
     models.save(
         model,
         folder / MODEL,
@@ -112,15 +107,45 @@ def train(cell: Cell, folder: Path) -> None:
             cell.registered, cell.env, cell.seed, _env_settings(cell), _method_settings(cell, method)
         ),
     )
-    run = _scored(cell, method, model, env)
-    run.curve, run.steps_to_correct = callback.curve, callback.steps_to_correct
-    run.phases_to_correct = callback.phases_to_correct
-    run.train_cpu_s, run.train_wall_s = cpu, wall
-    run.prepare_cpu_s = prepared + getattr(model, "prepare_cpu_s", 0.0)
+    run = _scored(cell, method, model, learned.env)
+    run.curve, run.steps_to_correct = curve.curve, curve.steps_to_correct
+    run.phases_to_correct = curve.phases_to_correct
+    run.train_cpu_s, run.train_wall_s = learned.cpu_s, learned.wall_s
+    run.prepare_cpu_s = learned.prepare_cpu_s + getattr(model, "prepare_cpu_s", 0.0)
     run.model_bytes = (folder / MODEL).stat().st_size
-    _draw(model, method, env, folder)
-    env.close()
+    _draw(model, method, learned.env, folder)
+    learned.env.close()
     record.write(run, folder / TRAINED)
+    (folder / checkpoint.FILE).unlink(missing_ok=True)
+
+
+def _learned(cell: Cell, folder: Path, checkpoint_every: float, kept: Kept | None) -> _Learned:
+    """Build the model of a run and let it learn, from the beginning or from a checkpoint on.
+
+    Raises:
+        Unusable: the run cannot go on from the checkpoint.
+    """
+    method, board = METHODS[cell.registered], folder / "tensorboard"
+    if kept is None:
+        shutil.rmtree(board, ignore_errors=True)
+    else:  # what was shown after the checkpoint is shown again
+        SummaryWriter(str(board), purge_step=kept.steps + 1).close()
+        print(f"{folder}: goes on at step {kept.steps:,} of {cell.steps:,}", file=sys.stderr)
+    with cli.mistakes():
+        env = Recorder(make_env(method, cell.env, _env_settings(cell), method.n_envs, cell.seed))
+        watch = Stopwatch()
+        model = method.build(env, cell.seed, **_method_settings(cell, method))
+    prepared = watch.read()[0]
+    callback, extra = _callback(cell, method, env), _extra_callbacks(cell, env)
+    beside = [(callback, _OF_CURVE), *((each, ("_recorded",)) for each in extra)]
+    keeper = Checkpoints(
+        folder / checkpoint.FILE, cell.fingerprint, env, watch, beside, checkpoint_every, kept
+    )
+    with contextlib.closing(configure(str(board), ["tensorboard"])) as logger:
+        model.set_logger(logger)
+        model.learn(cell.steps, callback=CallbackList([callback, *extra, keeper]))
+    cpu, wall = watch.read()
+    return _Learned(model, env, callback, cpu - callback.cpu_s, wall - callback.wall_s, prepared)
 
 
 @_raised_by_the_writer()
@@ -156,33 +181,6 @@ def command_line() -> str:
     """The command that is running, as one would type it."""
     module = Path(sys.argv[0]).stem
     return f"python -m runs.{module} {shlex.join(sys.argv[1:])}".strip()
-
-
-def is_ours(env: str) -> bool:
-    """Whether an id is of our namespace."""
-    return "attn_tree/" in env
-
-
-def full_id(env: str) -> str:
-    """An id as it is registered: `envs:` dropped, `attn_tree/` put before a short id of ours.
-
-    Raises:
-        UserMistake: the id is of our namespace but not registered.
-    """
-    from envs import REGISTERED
-
-    name = env.removeprefix("envs:")
-    if f"attn_tree/{name}" in REGISTERED:
-        return f"attn_tree/{name}"
-    return cli.known("environment", name, REGISTERED) if is_ours(name) else env
-
-
-def has_bank(env: str) -> bool:
-    """Whether chance has a part in the images of one of our worlds."""
-    from envs import TABLE
-
-    module, _, function = TABLE[full_id(env).removeprefix("attn_tree/")].builder.partition(":")
-    return "bank_seed" in inspect.signature(getattr(import_module(module), function)).parameters
 
 
 def _env_settings(cell: Cell) -> dict[str, Any]:
