@@ -1,9 +1,10 @@
 """What a run shows while it learns, beside SB3's own tags, and its learning curve.
 
-Scalars: `eval/{mean_reward,mean_ep_length,correct_policy_rate,correct_policy_rate_heldout}`,
+Scalars: `eval/{mean_reward,mean_ep_length,correct_policy_rate}` on seen views,
 `tree/{leaves,depth,aliased,correct_policy_rate}`, `cost/{pixels,decision_ms}`; the glimpse
 network's own `glimpse/…` come from its logger. At the end, once: hyper-parameters with the
-final metrics, and pictures of the tree and of the gaze. Evaluation is exact (see
+final metrics, held-out views among them, pictures of the tree and of the gaze, and the layout of
+the dashboard's custom scalars, the same in every run, which TensorBoard shows once. Evaluation is exact (see
 `runs.evaluation`) and its time is not counted as training.
 """
 
@@ -101,6 +102,7 @@ _TAGS = {"return_mean": "eval/mean_reward", "steps_mean": "eval/mean_ep_length"}
 
 _METRICS = (
     "return_mean",
+    "return_mean_heldout",
     "correct_policy_rate",
     "correct_policy_rate_heldout",
     "tree_leaves",
@@ -112,11 +114,57 @@ _METRICS = (
 )
 
 
+def _chart(*tags: str) -> tuple[str, list[str]]:
+    return "Multiline", [f"^{tag}$" for tag in tags]
+
+
+#: Charts of the custom scalars by category: what all methods share first. Tags are regular expressions.
+LAYOUT = {
+    "All methods": {
+        "correct-policy rate, seen views": _chart("eval/correct_policy_rate"),
+        "return, seen views": _chart("eval/mean_reward"),
+        "steps of an episode, seen views": _chart("eval/mean_ep_length"),
+        "return while training": _chart("rollout/ep_rew_mean"),
+        "steps of an episode while training": _chart("rollout/ep_len_mean"),
+        "pixels read by a decision": _chart("cost/pixels"),
+        "milliseconds of a decision": _chart("cost/decision_ms"),
+    },
+    "Trees": {
+        "leaves": _chart("tree/leaves"),
+        "mean depth": _chart("tree/depth"),
+        "leaves that confuse percepts": _chart("tree/aliased", "tree/unsplittable"),
+        "variance of Δ": _chart("tree/delta_variance"),
+        "phase": _chart("tree/phase"),
+        "correct-policy rate, seen views": _chart("tree/correct_policy_rate"),
+        "return kept": _chart("tree/kept_return"),
+    },
+    "Networks that look": {
+        "glimpses of a decision": _chart("glimpse/count"),
+        "pixels read, as a share of the image": _chart("glimpse/pixels_fraction"),
+        "spread of the places": _chart("glimpse/loc_std"),
+        "norm of the gradient": _chart("glimpse/grad_norm"),
+        "share of windows that hit the target": _chart("glimpse/hit_rate"),
+        "entropy of the map, nats": _chart("glimpse/entropy"),
+        "β of saliency": _chart("glimpse/beta"),
+    },
+    "Training": {
+        "loss": _chart("train/loss", "train/value_loss", "train/policy_gradient_loss"),
+        "entropy loss": _chart("train/entropy_loss"),
+        "change of the policy (PPO)": _chart("train/approx_kl", "train/clip_fraction", "train/clip_range"),
+        "explained variance": _chart("train/explained_variance"),
+        "updates (DQN)": _chart("train/n_updates"),
+        "exploration": _chart("train/epsilon", "rollout/exploration_rate"),
+        "learning rate": _chart("train/learning_rate"),
+        "environment steps a second": _chart("time/fps"),
+    },
+}
+
+
 def write_summary(folder: Path, record: Record, settings: Mapping[str, Any]) -> None:
-    """Hyper-parameters with final metrics, and the pictures in the run's folder, in its event files."""
+    """Hyper-parameters with final metrics, pictures and the dashboard's layout, in the run's event files."""
     parameters = {
         "method": record.method,
-        "env": record.env,
+        "env": record.env.rpartition("/")[2],  # the namespace would fill the column
         "variant": record.variant,
         "seed": record.seed,
         **{name: v if isinstance(v, bool | int | float | str) else str(v) for name, v in settings.items()},
@@ -124,6 +172,7 @@ def write_summary(folder: Path, record: Record, settings: Mapping[str, Any]) -> 
     metrics = {f"final/{name}": getattr(record, name) for name in _METRICS}
     shown = {name: float(value) for name, value in metrics.items() if value is not None}
     with SummaryWriter(str(folder / "tensorboard")) as writer:
+        writer.add_custom_scalars(LAYOUT)
         for summary in hparams(parameters, shown):
             writer.file_writer.add_summary(summary)
         for name, value in shown.items():

@@ -233,3 +233,26 @@ def test_damaged_header_gives_one_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(record.RecordError) as caught:
         report.contents(folder, pictures=False)
     assert "study.json" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_every_tag_has_a_chart_and_hparams_have_metrics(tmp_path: Path) -> None:
+    """One layout for all methods; whatever our learners and callbacks log is somewhere in it."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    from runs.tensorboard import _TAGS, LAYOUT, write_summary
+
+    root = Path(report.__file__).parents[1]
+    shown = [tag for charts in LAYOUT.values() for _, tags in charts.values() for tag in tags]
+    sources = [path for name in ("attn_tree", "baselines", "runs") for path in (root / name).rglob("*.py")]
+    text = "".join(path.read_text() for path in sources)
+    logged = set(re.findall(r'logger\.record\("(\w+/\w+)", [^\n]*\)(?<!exclude="tensorboard"\))', text))
+    logged |= {*_TAGS.values(), "eval/correct_policy_rate", "train/loss", "rollout/ep_rew_mean"}
+    assert len(logged) > 12
+    assert not [tag for tag in logged if not any(re.search(pattern, tag) for pattern in shown)]
+    write_summary(tmp_path, run("STree", 0), {"radius": 24})
+    (events,) = (tmp_path / "tensorboard").glob("events*")
+    accumulated = EventAccumulator(str(events)).Reload()
+    assert accumulated.PluginTagToContent("custom_scalars")
+    assert len(accumulated.PluginTagToContent("hparams")) == 3
+    scalars = set(accumulated.Tags()["scalars"])
+    assert {"final/return_mean_heldout", "final/correct_policy_rate_heldout"} <= scalars
