@@ -8,8 +8,7 @@ from runs.studies.cue import STUDY as CUE
 from runs.study import Study, Variant, tasks_of
 
 _CHANGES = [
-    Variant("SaliencyGlimpse", "K2", {"glimpses": 2}, "K = 2 glimpses, not 1"),
-    Variant("SaliencyGlimpse", "K4", {"glimpses": 4}, "K = 4 glimpses, not 1"),
+    Variant("SaliencyGlimpse", "K3", {"glimpses": 3}, "K = 3 glimpses, not 1"),
     Variant("SaliencyGlimpse", "scales", {"scales": [1, 2]}, "windows in two scales"),
     Variant("SaliencyGlimpse", "glance-16", {"glance": 16}, "a glance of 16×16, not 32×32"),
     Variant("SaliencyGlimpse", "beta-0.5", {"beta": 0.5}, "saliency weighs a quarter to begin with"),

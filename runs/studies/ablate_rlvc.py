@@ -35,6 +35,6 @@ STUDY = Study(
     methods=["RLVC", "RLVC-salient"],
     variants=_CHANGES,
     seeds=10,
-    cpu_hours=0.6,
+    cpu_hours=0.4,
     reference="RLVC",
 )

@@ -59,5 +59,5 @@ STUDY = Study(
     methods=["STree"],
     variants=[*_CHANGES, *_HISTORY],
     seeds=10,
-    cpu_hours=0.3,
+    cpu_hours=0.4,
 )

@@ -22,7 +22,7 @@ _STEPS = {
     "tree": 60_000,
     "WindowTree": 15_000,
     "RAM": 60_000,
-    "network": 10_240,
+    "network": 7_680,
     "control": 15_000,
     "Random": 2_048,
 }
