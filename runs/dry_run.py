@@ -1,10 +1,10 @@
 """What a study would still have to run, and how long that takes by what past runs took.
 
-A run is expected to take what runs of its method took before: in the same world and variant
-if there are such, else in the same world, else in any; scaled by its steps. One of a variant that has
-never run is expected to take what its base does. A past run that
-ended before its steps were used up (a tree that is wholly correct stops) is expected to end
-there again. Training alone is estimated: evaluating and measuring come on top.
+A run is expected to take what runs of its method took before: in the same world and variant if
+there are such, else in the same world, else in any; scaled by its steps. A change that has never run
+is expected to take what its base does. A past run that ended before its steps were used up (a tree
+that is wholly correct stops) is expected to end there again. Training alone is estimated: evaluating
+and measuring come on top.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 
 from runs import record
-from runs.methods import FAMILIES
+from runs.methods import FAMILIES, METHODS
 from runs.record import Record
 from runs.study import Cell, cells, load_study, study_names
 from runs.wording import duration
@@ -62,7 +62,7 @@ def expectations(todo: Sequence[Cell], past: Sequence[Record]) -> dict[tuple[obj
 
 
 def _expected(cell: Cell, near: Sequence[Mapping[tuple[str, ...], Sequence[Record]]]) -> Expected:
-    for known in dict.fromkeys((cell.method, cell.registered)):
+    for known in dict.fromkeys((cell.method, cell.registered, METHODS[cell.registered].base)):
         for (ground, kind), groups in zip(NEARNESS, near, strict=True):
             runs = groups.get(kind(replace(cell, method=known)))
             if runs:

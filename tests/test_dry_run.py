@@ -45,6 +45,18 @@ def test_the_nearest_past_run_counts_scaled_by_steps() -> None:
     assert found.seconds == 2.0
 
 
+def test_a_change_that_never_ran_is_expected_to_take_what_its_base_did() -> None:
+    base = next(c for c in CELLS if c.method == "GlimpsePPO" and c.variant == "distinct")
+    ran = [past(base, 4.0)]
+    registered, variant = replace(base, method="GlimpsePPO-fixed"), replace(base, method="GlimpsePPO-x")
+    for cell in (registered, replace(variant, base="GlimpsePPO")):
+        (found,) = expectations([cell], ran).values()
+        assert found.seconds == 4.0 and found.ground == "same task of GlimpsePPO"
+    own = past(registered, 9.0, env="attn_tree/Other-v0")
+    (found,) = expectations([registered], [*ran, own]).values()
+    assert found.seconds == 9.0 and found.ground == "other worlds"
+
+
 def test_plan_says_what_it_cannot_know() -> None:
     known = [cell for cell in CELLS if cell.method == "STree"]
     todo = [cell for cell in CELLS if cell.method in ("STree", "NaturePPO")]
