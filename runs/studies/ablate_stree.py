@@ -52,6 +52,7 @@ STUDY = Study(
                 note=f"{note}: figure 8.14",
                 methods=["STree", *(change.method for change in _HISTORY)],
                 method_settings={"tree": {"episodes_per_phase": 50}},
+                evaluations=10,  # what remembers is scored by playing, which takes a while
             )
             for letter, note in _HIDDEN.items()
         ),
