@@ -4,7 +4,7 @@
     python -m runs.pages --check    # exit with 2 if a page is out of date or a figure is missing
 
 The lines of a page between `<!-- scores: NAME -->` and `<!-- end -->` are replaced by table
-NAME of `TABLES` below, those between `<!-- thesis: NAME -->` and `<!-- end -->` by the tables
+NAME of `runs.page_tables`, those between `<!-- thesis: NAME -->` and `<!-- end -->` by the tables
 of that experiment of `runs/experiments/`, those between `<!-- reliability: counts -->` and `<!-- end -->`
 by the committed counts of `python -m runs.reliability`. A page shows `figures/<experiment>-<file>`
 where it likes; all figures of committed experiments are drawn anew from their lines.
@@ -14,155 +14,22 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Sequence
 from pathlib import Path
 
 from runs import cli, experiments
 from runs.compare import RESULTS
 from runs.experiments.experiment import Experiment, Line
 from runs.experiments.store import Fingerprints, Store
-from runs.methods import FAMILIES
+from runs.page_tables import markdown, table
 from runs.record import RecordError
 from runs.reliability.row import Count, read_counts
-from runs.report import collect
-from runs.study import cells, load_study, study_names
-from runs.tables import Row, TaskTable, task_tables
 from runs.thesis import source
-from runs.wording import duration, estimate, markdown_cell, number
+from runs.wording import duration, markdown_cell, number
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures"
-_BLOCK = re.compile(r"(<!-- (scores|thesis|reliability): ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
-
-
-@cache
-def _tables(study: str) -> dict[str, TaskTable]:
-    """The committed tables of a study by variant; a size other than 4×4 stands before the variant."""
-    source = RESULTS / f"{study}.jsonl"
-    header, records, _ = collect(source)
-    notes = {(env, variant): note for env, variant, note, _ in header.tasks}
-    tables = task_tables(records, header.methods, notes, header.reference, dict(header.notes))
-    return {_short(table): table for table in tables}
-
-
-def _short(table: TaskTable) -> str:
-    size = table.env.rpartition("VisualGridworld-")[2].removesuffix("-v0")
-    return table.variant if size == "4x4" else size
-
-
-def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = ["| " + " | ".join(head) + " |", "|---|" + "--:|" * (len(head) - 1)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
-
-
-def _failed(row: Row) -> str:
-    return "–" if row.failed is None else f"{row.failed} / {row.runs}"
-
-
-def comparison(table: TaskTable) -> str:
-    """What each method earned and what its decisions cost."""
-    head = [
-        "method",
-        "failed / runs",
-        "correct policy, seen views",
-        "correct policy, held-out views",
-        "leaves, depth",
-        "pixels / image",
-        "operations",
-        "ms, cold",
-        "training CPU s",
-    ]
-    return _markdown(
-        head,
-        [
-            [
-                row.method,
-                _failed(row),
-                estimate(row.correct),
-                estimate(row.correct_heldout),
-                "–" if row.leaves is None else f"{number(row.leaves)}, {number(row.depth)}",
-                number(row.pixel_fraction),
-                number(row.operations),
-                number(row.milliseconds),
-                number(row.train_cpu_s),
-            ]
-            for row in table.rows
-        ],
-    )
-
-
-def trees(tables: dict[str, TaskTable], variants: Sequence[str]) -> str:
-    """Trees across the worlds of a study."""
-    head = ["world", "method", "failed / runs", "correct policy", "phases", "leaves grown", "leaves", "depth"]
-    rows = [
-        [
-            f"{name}: {tables[name].note[:1].lower()}{tables[name].note[1:]}",
-            row.method,
-            _failed(row),
-            estimate(row.correct),
-            number(row.phases),
-            number(row.leaves_grown),
-            number(row.leaves),
-            number(row.depth),
-        ]
-        for name in variants
-        for row in tables[name].rows
-        if row.method in ("STree", "RLVC")
-    ]
-    return _markdown(head, rows)
-
-
-def verdicts(tables: dict[str, TaskTable]) -> str:
-    """Equation 8.1 across the worlds of a study."""
-    head = [
-        "images",
-        "method",
-        "failed / runs",
-        "held-out views",
-        "pixels / image",
-        "operations",
-        "ms, cold",
-        "ms, 95%",
-    ]
-    rows = [
-        [
-            name,
-            row.method,
-            _failed(row),
-            estimate(row.correct_heldout),
-            number(row.pixel_fraction),
-            number(row.operations),
-            number(row.milliseconds),
-            number(row.milliseconds_p95),
-        ]
-        for name, table in tables.items()
-        for row in table.rows
-    ]
-    lines = [f"- {name}: {verdict.words}." for name, table in tables.items() for verdict in table.verdicts]
-    return _markdown(head, rows) + "\n\nC_a < C_b for S-Tree (a) against RLVC (b):\n\n" + "\n".join(lines)
-
-
-def studies() -> str:
-    """The studies that ship: what they ask, how many runs that is, and their CPU hours as stated."""
-    rows = []
-    for name in study_names():
-        study = load_study(name)
-        hours = f"{study.cpu_hours:g}"
-        rows.append([f"`{name}`", study.title, str(len(cells(study, FAMILIES))), str(study.seeds), hours])
-    return _markdown(["study", "what it is about", "runs", "seeds", "CPU hours"], rows)
-
-
-TABLES: dict[str, Callable[[], str]] = {
-    "gridworld": lambda: comparison(_tables("gridworld")["distinct"]),
-    "five-views": lambda: comparison(_tables("gridworld")["five-views"]),
-    "figure-8.9": lambda: trees(
-        _tables("gridworld"), ["distinct", "share-three", "share-seven", "share-two"]
-    ),
-    "sizes": lambda: trees(_tables("gridworld"), ["distinct", "6x6", "10x10"]),
-    "studies": studies,
-    "equation-8.1": lambda: verdicts({**_tables("trees"), **_tables("large")}),
-}
+_BLOCK = re.compile(r"(<!-- (scores|thesis|reliability): ([\w./-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def page_paths() -> list[Path]:
@@ -222,7 +89,7 @@ def reliability() -> str:
         for each in counts
     ]
     failed = [f"- {each.row}, {markdown_cell(text)}" for each in counts for text in each.failed]
-    parts = [_markdown(head, rows), "What did not hold:\n\n" + "\n".join(failed) if failed else ""]
+    parts = [markdown(head, rows, left=2), "What did not hold:\n\n" + "\n".join(failed) if failed else ""]
     return "\n\n".join(part for part in [*parts, _computed(counts)] if part)
 
 
@@ -254,7 +121,7 @@ def filled(text: str) -> str:
             return f"{begin}{thesis_tables(name)}\n{end}"
         if kind == "reliability":
             return f"{begin}{reliability()}\n{end}"
-        return f"{begin}{TABLES[cli.known('table', name, list(TABLES))]()}\n{end}"
+        return f"{begin}{table(name)}\n{end}"
 
     return _BLOCK.sub(fill, text)
 
