@@ -141,7 +141,7 @@ def pareto(table: TaskTable, cost: str, label: str, styles: Styles | None = None
     shown = [x for x, _ in [*points, *others]]
     _logarithmic(axes.xaxis, shown)
     words = [*textwrap.wrap(label, 64), *textwrap.wrap(left_out(table, cost), 64)]
-    axes.set_xlabel("\n".join(map(plain, words)))
+    axes.set_xlabel("\n".join(plain(line, 64) for line in words))
     axes.set_ylabel("return (IQM); filled: held out, hollow: seen")
     axes.margins(y=0.08)
     if spans_decades(returns):
@@ -189,6 +189,7 @@ def _symmetric(axes: Any, returns: Sequence[float]) -> None:
 
 
 def new_figure(width: float, height: float) -> tuple[Figure, Any]:
+    """An empty figure, inches wide and high, and its axes."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         axes = figure.subplots()
@@ -197,6 +198,7 @@ def new_figure(width: float, height: float) -> tuple[Figure, Any]:
 
 
 def to_svg(figure: Figure, axes: Any) -> str:
+    """The figure as SVG that may stand in a page, with a legend beside it; the same each time."""
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     if unique:
@@ -207,8 +209,9 @@ def to_svg(figure: Figure, axes: Any) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def plain(name: str) -> str:
-    """A name as text that Matplotlib takes for no formula and does not leave out of a legend."""
+def plain(name: str, longest: int = 40) -> str:
+    """A name as text that Matplotlib takes for no formula and does not leave out of a legend, cut if long."""
+    name = name if len(name) <= longest else f"{name[: longest - 1]}…"
     return " " * name.startswith("_") + name.replace("$", r"\$")
 
 

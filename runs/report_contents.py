@@ -62,7 +62,7 @@ class Contents:
         runs = self.records if table is None else table.records
         commits = sorted({(run.git_commit or "no commit")[:12] for run in runs})
         command = self.header.command or f"python -m runs.compare --study {self.header.name} --out DIR"
-        return f"{len(runs)} runs of `{command}` at {', '.join(commits)}"
+        return f"{len(runs)} runs at {', '.join(commits)}: {command}"
 
     @property
     def commits(self) -> list[str]:

@@ -81,7 +81,8 @@ def plots_overall(tables: Sequence[TaskTable], rows: Sequence[OverallRow], refer
     plots = []
     names, where = common_ground(tables)
     if names:
-        over = f"{len(where)} task{'s' if len(where) > 1 else ''} that all {len(names)} methods drawn ran in"
+        over = f"{len(where)} tasks that all {len(names)} methods drawn ran in"
+        over = over if len(where) > 1 else "one task" if len(tables) > 1 else "only task"
         text = (
             f"Share of runs by the correct-policy rate that they reach, over {over}; bands are 95% intervals."
         )

@@ -3,9 +3,13 @@
 import csv
 import json
 import re
+import shutil
+import subprocess
+import threading
 from html.parser import HTMLParser
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -256,3 +260,49 @@ def test_every_tag_has_a_chart_and_hparams_have_metrics(tmp_path: Path) -> None:
     assert len(accumulated.PluginTagToContent("hparams")) == 3
     scalars = set(accumulated.Tags()["scalars"])
     assert {"final/return_mean_heldout", "final/correct_policy_rate_heldout"} <= scalars
+
+
+class Proxy(BaseHTTPRequestHandler):
+    """Counts what a browser asks the network for, and gives nothing."""
+
+    asked: ClassVar[list[str]] = []
+
+    def do_GET(self) -> None:
+        self.asked.append(self.path)
+        self.send_error(404)
+
+    do_CONNECT = do_GET
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+def test_a_browser_shows_the_page_without_errors_or_requests(tmp_path: Path) -> None:
+    """In a real browser, at the width of a phone: nothing on the console, nothing asked of the network,
+    nothing wider than the screen. The page beside it asks and errs, to show that it would be seen."""
+    evil = f'"><img src="http://leak.example/report.png">{EVIL}'
+    runs = [run(method, s) for method in ("STree", evil) for s in range(2)]
+    page = report.write_report(folder_of(tmp_path, runs, title=evil))[0]
+    control = "<img src=http://leak.example/control.png><script>boom()</script>"
+    (tmp_path / "control.html").write_text(control)
+    frames = f"<iframe id=f src={page.name} style='width:390px;height:9000px;border:0'></iframe>"
+    frames += "<iframe src=control.html></iframe><script>onload=()=>{document.title='width '+"
+    frames += "document.getElementById('f').contentDocument.documentElement.scrollWidth}</script>"
+    (tmp_path / "frames.html").write_text(frames)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Proxy)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
+    command += ["--disable-background-networking", "--disable-component-update", "--no-first-run"]
+    command += ["--allow-file-access-from-files", f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
+    command += [f"--proxy-server=127.0.0.1:{server.server_port}", (tmp_path / "frames.html").as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    server.shutdown()
+    assert {path for path in Proxy.asked if "leak" in path} == {"http://leak.example/control.png"}
+    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert console and all("control" in line for line in console)
+    width = re.search(r"<title>width (\d+)</title>", done.stdout)
+    assert width is not None and int(width[1]) <= 390
