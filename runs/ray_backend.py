@@ -20,6 +20,7 @@ import logging
 import os
 import platform
 import shutil
+import socket
 import sys
 import tempfile
 import time
@@ -91,12 +92,10 @@ def connected(address: str | None = None, workers: int | None = None) -> Iterato
         import ray
 
         try:
+            _knock(address)
             ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, **own)
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            reason = cli.one_line(error)[:200]
-            raise cli.UserMistake(
-                f"no Ray cluster to join at '{address}' ({reason}); start one with `ray start --head`"
-            ) from error
+        except (OSError, ValueError, RuntimeError) as error:
+            raise cli.UserMistake(_no_cluster(address, error)) from error
         try:
             yield workers or _processors() or _none_left(address)
         finally:
@@ -175,6 +174,20 @@ def _home(call: Call[J], outcome: Outcome[J], files: Files) -> Outcome[J]:
     except OSError as error:
         return Outcome(call.job, outcome.seconds, f"{type(error).__name__}: {cli.one_line(error)}")
     return outcome
+
+
+def _knock(address: str) -> None:
+    """See whether anybody answers there: Ray itself asks for minutes."""
+    host, colon, port = address.rpartition(":")
+    if colon and port.isdecimal() and "/" not in host:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+
+
+def _no_cluster(address: str, error: Exception) -> str:
+    reason = cli.one_line(error)[:200]
+    if address == "local":
+        return f"Ray does not start on this machine: {reason}"
+    return f"no Ray cluster answers at '{address}' ({reason}); start one with `ray start --head`"
 
 
 def _processors() -> int:

@@ -108,6 +108,15 @@ def test_a_backend_that_is_not_there_is_said_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
+@needs_ray
+def test_a_cluster_that_does_not_answer_is_said_at_once() -> None:
+    with (
+        pytest.raises(cli.UserMistake, match="no Ray cluster answers"),
+        ray_backend.connected("127.0.0.1:1"),
+    ):
+        pass
+
+
 def test_every_job_of_a_study_says_which_file_ends_it(tmp_path: Path, monkeypatch: Any) -> None:
     told: list[Any] = []
     monkeypatch.setattr(parallel, "side_by_side", lambda calls, workers, backend: told.extend(calls) or [])
