@@ -49,6 +49,8 @@ def gaze_map(readings: Sequence[Sequence[Any]], height: int, width: int) -> np.n
 
 def map_of_model(path: Path) -> np.ndarray | None:
     """The gaze map of the model in a file over its world; None if it cannot be opened or chooses no place."""
+    if not path.is_file():
+        return None
     from attn_tree.tree.storage import ArchiveError
     from runs import cli, models
     from runs.costs import decide, percepts_of, percepts_while_playing

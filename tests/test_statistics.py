@@ -14,6 +14,7 @@ from runs.statistics import (
     paired_effect,
     performance_profile,
     probability_of_improvement,
+    profile_interval,
 )
 
 runs = st.lists(st.floats(-5, 5).map(lambda x: round(x, 1)), min_size=1, max_size=9).map(np.array)
@@ -129,3 +130,14 @@ def test_pairs_cancel_what_seeds_share() -> None:
     assert found.value == pytest.approx(0.6375 - 0.4375) and found.low < found.value < found.high
     with pytest.raises(ValueError, match="same seeds"):
         paired_effect(shared[0], shared[1][:5], np.random.default_rng(0))
+
+
+def test_profile_bands_hold_the_profile_and_are_those_of_a_naive_bootstrap() -> None:
+    band = profile_interval(list(_A), _TAUS, np.random.default_rng(0), resamples=4000)
+    profile = performance_profile(list(_A), _TAUS)
+    assert (band[0] <= profile + 1e-9).all() and (profile <= band[1] + 1e-9).all()
+    rng = np.random.default_rng(1)
+    drawn = [performance_profile([rng.choice(task, task.size) for task in _A], _TAUS) for _ in range(2000)]
+    assert band == pytest.approx(np.quantile(drawn, [0.025, 0.975], axis=0), abs=0.04)
+    sure = profile_interval([np.ones(5), np.zeros(3)], np.array([0.5]), rng)
+    assert sure.ravel().tolist() == [0.5, 0.5]  # drawn again within a task, never across
