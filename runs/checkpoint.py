@@ -12,7 +12,6 @@ line says so, and the run starts anew. Writing one changes nothing in the learne
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
 import json
@@ -20,8 +19,7 @@ import random
 import sys
 import time
 import zipfile
-import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -30,13 +28,13 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from attn_tree import learner_state
 from attn_tree.q_learning import TableLearner
 from attn_tree.tree.storage import ArchiveError, read_archive
 from baselines import ppo_state
 from runs import record
+from runs.recorder import Recorder, Stopwatch
 
 FILE = "checkpoint.zip"
 FORMAT = "attn_tree checkpoint 1"
@@ -60,68 +58,6 @@ class Kept:
     def steps(self) -> int:
         """Environment steps done by then."""
         return int(self.meta["steps"])
-
-
-class Recorder(VecEnvWrapper):
-    """An environment that notes what is done in it, and sums up what it answers.
-
-    Attributes:
-        actions: those of every step, each `(n_envs, …)`.
-        resets: how often it was reset.
-        answers: check sum of observations, rewards and ends.
-    """
-
-    def __init__(self, venv: VecEnv) -> None:
-        super().__init__(venv)
-        self.actions: list[np.ndarray] = []
-        self.resets = self.answers = 0
-
-    def reset(self) -> Any:
-        """First observations; episodes that are under way are given up."""
-        observations = self.venv.reset()
-        self.resets += 1
-        self._sum(observations)
-        return observations
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Note the actions, and hand them on."""
-        self.actions.append(np.array(actions))
-        self.venv.step_async(actions)
-
-    def step_wait(self) -> Any:
-        """As the environment."""
-        answer = self.venv.step_wait()
-        self._sum(*answer[:3])
-        return answer
-
-    def _sum(self, *answers: Any) -> None:
-        for answer in answers:
-            if isinstance(answer, np.ndarray):
-                self.answers = zlib.crc32(np.ascontiguousarray(answer).data, self.answers)
-
-
-class Stopwatch:
-    """CPU and wall seconds of a run, over all the processes that worked on it."""
-
-    def __init__(self) -> None:
-        self.set(0.0, 0.0)
-
-    def read(self) -> tuple[float, float]:
-        """CPU and wall seconds."""
-        return time.process_time() - self._cpu, time.perf_counter() - self._wall
-
-    def set(self, cpu: float, wall: float) -> None:
-        """Go on from these."""
-        self._cpu, self._wall = time.process_time() - cpu, time.perf_counter() - wall
-
-    @contextlib.contextmanager
-    def paused(self) -> Iterator[None]:
-        """Leave out what is done inside."""
-        before = self.read()
-        try:
-            yield
-        finally:
-            self.set(*before)
 
 
 class Checkpoints(BaseCallback):
@@ -157,8 +93,8 @@ class Checkpoints(BaseCallback):
             try:
                 self._resume(self.kept)
             except _DAMAGE as error:
-                reason = _line(error) if isinstance(error, Unusable) else f"it is damaged: {_line(error)}"
-                raise Unusable(f"{self.path}: {reason}") from None
+                reason = _line(error) if isinstance(error, Unusable) else f"it is damaged ({_line(error)})"
+                raise Unusable(f"the checkpoint cannot be taken up: {reason}") from None
             self.kept = None
         self._last = time.monotonic()
 

@@ -26,20 +26,21 @@ from stable_baselines3.common.logger import configure
 from torch.utils.tensorboard import SummaryWriter
 
 from attn_tree.tree.storage import ArchiveError
-from runs import checkpoint, cli, drawing, evaluation, models, record
-from runs.checkpoint import Checkpoints, Kept, Recorder, Stopwatch
+from runs import checkpoint, cli, evaluation, models, record
+from runs.checkpoint import Checkpoints, Kept
 from runs.costs import (
     Subject,
     decision_times,
     percepts_of,
-    percepts_while_playing,
     pin_threads,
     pixel_cost,
 )
 from runs.environments import full_id, has_bank, is_ours, make_env
 from runs.evaluation import remembers
 from runs.methods import METHODS, Method
-from runs.playing import Percept, apart, beginnings, play
+from runs.playing import beginnings, play
+from runs.recorder import Recorder, Stopwatch
+from runs.shown import draw, image_shape, percepts, worlds_of
 from runs.study import Cell
 from runs.tensorboard import StudyCallback, write_summary
 
@@ -96,8 +97,11 @@ def train(cell: Cell, folder: Path, checkpoint_every: float = checkpoint.EVERY) 
     kept = checkpoint.read(folder / checkpoint.FILE, cell.fingerprint)
     try:
         learned = _learned(cell, folder, checkpoint_every, kept)
-    except checkpoint.Unusable as error:
-        print(f"{error}; the run starts anew", file=sys.stderr)
+    except Exception as error:
+        if kept is None:
+            raise
+        # What is wrong with a checkpoint may show late; what is wrong with the run shows again.
+        print(f"{folder}: {cli.one_line(error)}; the run starts anew", file=sys.stderr)
         learned = _learned(cell, folder, checkpoint_every, None)
     model, curve = learned.model, learned.curve
     models.save(
@@ -113,18 +117,14 @@ def train(cell: Cell, folder: Path, checkpoint_every: float = checkpoint.EVERY) 
     run.train_cpu_s, run.train_wall_s = learned.cpu_s, learned.wall_s
     run.prepare_cpu_s = learned.prepare_cpu_s + getattr(model, "prepare_cpu_s", 0.0)
     run.model_bytes = (folder / MODEL).stat().st_size
-    _draw(model, method, learned.env, folder)
+    draw(model, method, learned.env, folder)
     learned.env.close()
     record.write(run, folder / TRAINED)
     (folder / checkpoint.FILE).unlink(missing_ok=True)
 
 
 def _learned(cell: Cell, folder: Path, checkpoint_every: float, kept: Kept | None) -> _Learned:
-    """Build the model of a run and let it learn, from the beginning or from a checkpoint on.
-
-    Raises:
-        Unusable: the run cannot go on from the checkpoint.
-    """
+    """Build the model of a run and let it learn, from the beginning or from a checkpoint on."""
     method, board = METHODS[cell.registered], folder / "tensorboard"
     if kept is None:
         shutil.rmtree(board, ignore_errors=True)
@@ -158,9 +158,9 @@ def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
         env = make_env(method, cell.env, _env_settings(cell), 1, cell.seed)
         with cli.mistakes_of(ArchiveError):
             model = models.load(folder / MODEL, env)
-        subjects[cell.method] = Subject(model, _percepts(env, method, model))
+        subjects[cell.method] = Subject(model, percepts(env, method, model))
         images = is_ours(cell.env) and method.obs != "symbols"
-        shapes[cell.method] = env.get_attr("bank")[0].shape[1:] if images else _image_shape(env)
+        shapes[cell.method] = env.get_attr("bank")[0].shape[1:] if images else image_shape(env)
     times = decision_times(subjects, np.random.default_rng(cells[0].seed))
     for cell, folder in zip(cells, folders, strict=True):
         run = record.read(folder / TRAINED)
@@ -192,17 +192,8 @@ def _method_settings(cell: Cell, method: Method) -> dict[str, Any]:
     return {"gamma": cell.gamma, **method.settings, **cell.method_settings}
 
 
-def _worlds(env: Any) -> list[Any]:
-    """The training world and, where there is one, that with held-out views; none if not a World."""
-    try:
-        worlds = [env.get_attr("world")[0], env.get_attr("heldout_world")[0]]
-    except AttributeError:
-        return []
-    return [world for world in worlds if world is not None]
-
-
 def _callback(cell: Cell, method: Method, env: Any) -> StudyCallback:
-    worlds = _worlds(env)
+    worlds = worlds_of(env)
 
     def evaluate(model: Any) -> dict[str, float]:
         if not worlds:
@@ -249,7 +240,7 @@ def _scored(cell: Cell, method: Method, model: Any, env: Any) -> record.Record:
         versions=record.versions(),
         git_commit=record.git_commit(),
     )
-    worlds = _worlds(env)
+    worlds = worlds_of(env)
     if not worlds:
         returns, _ = evaluate_policy(model, env, SAMPLED_EPISODES, callback=_given_up)
         run.return_mean = float(np.mean(returns))
@@ -285,42 +276,3 @@ def _given_up(found: dict[str, Any], _: dict[str, Any]) -> None:
             f"an episode has not ended after {LONGEST_EPISODE:,} steps: give the environment a limit, "
             "for instance max_episode_steps=1000"
         )
-
-
-def _percepts(env: Any, method: Method, model: Any) -> list[Any]:
-    """What decisions are measured on: an observation for each state–view pair, or the percepts of
-    greedy episodes if the model remembers; where there is no World, those of a walk."""
-    worlds = _worlds(env)
-    if worlds and remembers(model):
-        return percepts_while_playing(model, worlds[0], method.obs, env.get_attr("max_episode_steps")[0])
-    if worlds:
-        return percepts_of(worlds[0], method.obs)
-    shown: list[Any] = []
-    observation, state, starts = env.reset(), None, np.ones(1, bool)
-    for _ in range(50):
-        seen = np.array(observation[0])
-        shown.append(seen if state is None else Percept(seen, apart(state), starts))
-        actions, state = model.predict(observation, state, starts, deterministic=False)
-        observation, _, starts, _ = env.step(actions)
-    return shown
-
-
-def _image_shape(env: Any) -> tuple[int, ...]:
-    return tuple(env.observation_space.shape)
-
-
-def _draw(model: Any, method: Method, env: Any, folder: Path) -> None:
-    """The tree, and where the first decisions looked, as pictures in the run's folder."""
-    if hasattr(model, "tree") and hasattr(model, "draw"):
-        model.draw(folder / "tree.png")
-    worlds = _worlds(env)
-    if worlds and method.obs in ("index", "pixels") and method.name != "Random":
-        met = list(dict.fromkeys(percepts_of(worlds[0], "index")))[:5]
-        images = [worlds[0].images[image] for image in met]
-        shown: list[Any] = met if method.obs == "index" else images
-        if remembers(model):
-            shown = _percepts(env, method, model)[:5]
-            images = [worlds[0].images[int(percept.observation)] for percept in shown]
-        strip = drawing.gaze_strip(model, images, shown)
-        if strip is not None:
-            drawing.write_png(folder / "gaze.png", strip)

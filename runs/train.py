@@ -14,6 +14,7 @@ from typing import Annotated
 import tyro
 
 from runs import cli, record
+from runs.checkpoint import EVERY
 from runs.methods import METHODS
 from runs.run import RESULT, full_id, measure, train
 from runs.study import Cell
@@ -29,6 +30,7 @@ def main(
     gamma: float = 0.8,
     set: tuple[str, ...] = (),
     env_set: tuple[str, ...] = (),
+    checkpoint_every: float = EVERY,
 ) -> int:
     """Train one method in one world with one seed, and measure what its decisions cost.
 
@@ -42,10 +44,13 @@ def main(
         gamma: discount factor.
         set: settings of the method, key=value.
         env_set: settings of the environment, key=value.
+        checkpoint_every: seconds between checkpoints, from which the same command goes on if it is killed.
     """
     name = cli.known("method", method, METHODS)
     if steps < 1:
         raise cli.UserMistake(f"--steps is {steps}; expected at least 1")
+    if not checkpoint_every >= 0:
+        raise cli.UserMistake(f"--checkpoint-every is {checkpoint_every}; expected seconds, at least 0")
     cell = Cell(
         study="train",
         method=name,
@@ -61,7 +66,7 @@ def main(
     )
     with cli.mistakes():
         out.mkdir(parents=True, exist_ok=True)
-    train(cell, out)
+    train(cell, out, checkpoint_every)
     measure([cell], [out])
     print(summary(record.read(out / RESULT)), f"\nwritten to {out}", sep="")
     return 0
