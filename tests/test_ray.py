@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from squares import toy
 
 from runs import cli, compare, parallel, ray_backend, thesis
+from runs.experiments import running
+from runs.experiments.store import Fingerprints, Store
 from runs.methods import FAMILIES
 from runs.reliability import nodes, staged
 from runs.reliability.row import attempt
@@ -106,6 +110,21 @@ def test_a_backend_that_is_not_there_is_said_before_anything_is_written(
         (line,) = capsys.readouterr().err.splitlines()
         assert answer in line
     assert not (tmp_path / "out").exists()
+
+
+def test_lines_of_the_thesis_come_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver, toys = ray_backend._Driver(os.uname().nodename, None, sys.argv), toy()
+    monkeypatch.setattr(
+        ray_backend,
+        "side_by_side",
+        lambda calls, _: (ray_backend._home(call, *ray_backend._far(call, driver)) for call in calls),
+    )
+    store = Store(tmp_path / "out", tmp_path / "none", Fingerprints(toys))
+    squares = toys["squares"]
+    assert not running.run(squares, squares.units, store, 2, "ray")
+    lines = store.lines(squares)
+    assert [lines[unit.key].scores["square"] for unit in squares.units] == [1, 4, 9]
+    assert not [path for path in (tmp_path / "out/squares").iterdir() if path.is_dir()]
 
 
 @needs_ray

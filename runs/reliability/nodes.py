@@ -25,7 +25,12 @@ from runs.reliability import staged
 from runs.reliability.killed import children, needs_proc
 from runs.reliability.row import Row, Skipped, Trial
 
-NODE = {"num_cpus": 1, "object_store_memory": 80_000_000, "include_dashboard": False}
+NODE = {
+    "num_cpus": 1,
+    "object_store_memory": 80_000_000,
+    "include_dashboard": False,
+    "include_log_monitor": False,
+}
 AT_WORK = b"ray::_far"  # what the process of a worker is called while it has a job
 
 
