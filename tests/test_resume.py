@@ -101,7 +101,8 @@ def test_interrupted_is_uninterrupted(
     rare = not name.startswith("PPO")  # others can write one at every step
     found = checkpoints(which, tmp_path / "kept", monkeypatch, lambda n: not rare or n % 20 == 5)
     assert outcome(tmp_path / "kept") == outcome(tmp_path / "plain")  # writing them changes nothing
-    one = found[int(rng.integers(len(found)))]
+    # Not the last: at the end a learning rate is 0, and nothing would show.
+    one = found[int(rng.integers(len(found) - 1))]
     capsys.readouterr()
     assert resumed(which, tmp_path / "killed", one) == outcome(tmp_path / "plain")
     said = capsys.readouterr().err.splitlines()
