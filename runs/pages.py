@@ -23,7 +23,7 @@ from runs.experiments.experiment import Experiment, Line
 from runs.experiments.store import Fingerprints, Store
 from runs.page_tables import markdown, table
 from runs.record import RecordError
-from runs.reliability.row import Count, read_counts
+from runs.reliability.row import COUNTS, Count, read_counts
 from runs.thesis import source
 from runs.wording import duration, markdown_cell, number
 
@@ -71,7 +71,7 @@ def thesis_tables(name: str) -> str:
 
 def reliability() -> str:
     """What was done on purpose, and how often what must hold did."""
-    path = RESULTS / "reliability.jsonl"
+    path = COUNTS
     if not path.exists():
         raise cli.UserMistake(
             f"{path.name}: nothing is committed; run `python -m runs.reliability --publish`"

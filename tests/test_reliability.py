@@ -63,7 +63,7 @@ def test_a_row_published_alone_leaves_the_others_and_says_where_it_is_from(
 ) -> None:
     rows = {name: Row(name, f"{name} is done", "it holds", lambda trial: None, 3) for name in "abc"}
     monkeypatch.setattr(command, "ROWS", rows)
-    monkeypatch.setattr(pages, "RESULTS", tmp_path)
+    monkeypatch.setattr(pages, "COUNTS", tmp_path / "reliability.jsonl")
     results = tmp_path / "reliability.jsonl"
     folders = ["--out", str(tmp_path / "out"), "--results", str(results)]
     assert cli.main(command.main, "runs.reliability", ["--publish", *folders]) == 0

@@ -25,10 +25,18 @@ import tyro
 
 from runs import cli, parallel, record
 from runs.progress import Progress
-from runs.reliability.row import Count, Outcome, Row, attempt, count, read_counts, read_outcome, to_line
+from runs.reliability.row import (
+    COUNTS,
+    Count,
+    Outcome,
+    Row,
+    attempt,
+    count,
+    read_counts,
+    read_outcome,
+    to_line,
+)
 from runs.reliability.rows import ROWS
-
-RESULTS = Path(__file__).resolve().parents[1] / "results" / "reliability.jsonl"
 
 
 @dataclass(frozen=True)
@@ -53,7 +61,7 @@ def main(
     trials: int | None = None,
     seed: int = 0,
     publish: bool = False,
-    results: Path = RESULTS,
+    results: Path = COUNTS,
 ) -> int:
     """Stage faults and count how often what must hold did.
 

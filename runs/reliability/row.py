@@ -16,6 +16,8 @@ import numpy as np
 from runs import cli, parallel, record
 from runs.record import RecordError
 
+COUNTS = Path(__file__).resolve().parent / "counts.jsonl"  # those that are committed
+
 
 class Skipped(Exception):
     """A trial is not possible on this machine; the message says why."""
