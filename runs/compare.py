@@ -1,10 +1,11 @@
 """Run a study: train everything that is not on disk yet, measure it, and print the table.
 
 The disk is the truth. A run with a `result.json` is whole and is left alone; a trained one
-only has its decisions measured; any other goes on from its last checkpoint (`runs.checkpoint`), or
-starts again where there is none, with the same outcome. So a study killed at any moment ends, when the same command is given again, with
-the scores of one that ran through. Seeds are worked through one after another: all methods
-of a seed are trained side by side, then, with nothing else running, measured in turns.
+only has its decisions measured; any other goes on from its last checkpoint (`runs.checkpoint`),
+or starts again where there is none, with the same outcome. So a study killed at any moment ends,
+when the same command is given again, with the scores of one that ran through. Seeds are worked
+through one after another: all methods of a seed are trained side by side, then, with nothing else
+running, measured in turns.
 
 Scores committed under `runs/results/<study>.jsonl` are taken as they are if nothing that
 decides the outcome has changed since (the fingerprint in the line), unless `--fresh`. Those of
