@@ -24,10 +24,11 @@ from typing import Any
 
 from runs import cli, parallel, record, run
 from runs.dry_run import past_records, plan
+from runs.header import Header
 from runs.methods import FAMILIES, METHODS, Constructor
 from runs.parallel import ERROR, PATIENCE, Backend, Call, Outcome, locked
 from runs.progress import Progress
-from runs.study import Cell, Header, Study, cells, load_study, narrowed
+from runs.study import Cell, Study, cells, load_study, narrowed
 
 __all__ = ["ERROR", "PATIENCE", "RESULTS", "attempt", "locked", "main", "planned", "run_study"]
 

@@ -12,6 +12,7 @@ from typing import Any
 from runs import cli, record
 from runs.ablations import Effect, effects
 from runs.figures import styles_of
+from runs.header import Header
 from runs.methods import METHODS
 from runs.published import Beside, beside
 from runs.record import Record, RecordError
@@ -19,7 +20,7 @@ from runs.report_drawings import drawings_of
 from runs.report_kept import kept
 from runs.report_overall import OverallRow, methods_of, overall
 from runs.report_pictures import Picture, plots_of, plots_overall
-from runs.study import Header, load_study, study_names
+from runs.study import load_study, study_names
 from runs.tables import TaskTable, task_tables, values
 
 

@@ -15,7 +15,7 @@ import importlib
 import json
 import pkgutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -161,64 +161,6 @@ class Cell:
         return f"{self.method} · {self.env.rpartition('/')[2]} · {self.variant} · seed {self.seed}"
 
 
-@dataclass(frozen=True)
-class Header:
-    """What a report needs to know of a study beside its scores; lies beside the runs as JSON."""
-
-    name: str
-    title: str = ""
-    purpose: str = ""
-    reference: str = "STree"
-    command: str = ""
-    methods: tuple[str, ...] = ()
-    tasks: tuple[tuple[str, str, str, tuple[str, ...]], ...] = ()  # env, variant, note, methods
-    seeds: int = 0
-    notes: tuple[tuple[str, str], ...] = ()  # of variants: method, what changes
-
-    @classmethod
-    def of(cls, study: Study, command: str = "") -> Header:
-        """The header of a study."""
-        tasks = tuple((t.env, t.variant, t.note, tuple(_methods(study, t))) for t in study.tasks)
-        return cls(
-            name=study.name,
-            title=study.title,
-            purpose=study.purpose,
-            reference=study.reference,
-            command=command,
-            methods=tuple(study.all_methods),
-            tasks=tasks,
-            seeds=study.seeds,
-            notes=tuple((variant.method, variant.note) for variant in study.variants),
-        )
-
-    @classmethod
-    def from_json(cls, data: Any) -> Header:
-        """The header that was written as JSON.
-
-        Raises:
-            ValueError: a field is missing or of the wrong type.
-        """
-        if not isinstance(data, dict):
-            raise ValueError("expected a JSON object")
-        given = {f.name: data[f.name] for f in fields(cls) if f.name in data}
-        try:
-            given["methods"] = tuple(given.get("methods", ()))
-            tasks = [
-                (env, variant, note, tuple(names)) for env, variant, note, names in given.get("tasks", ())
-            ]
-            given["tasks"] = tuple(tasks)
-            given["notes"] = tuple((method, note) for method, note in given.get("notes", ()))
-            header = cls(**given)
-        except (TypeError, ValueError):
-            raise ValueError("a field is missing or malformed") from None
-        texts = [header.name, header.title, header.purpose, header.reference, header.command]
-        texts += [*header.methods, *(text for task in header.tasks for text in (*task[:3], *task[3]))]
-        texts += [text for note in header.notes for text in note]
-        if not all(isinstance(text, str) for text in texts) or type(header.seeds) is not int:
-            raise ValueError("a field is of the wrong type")
-        return header
-
-
 def study_names() -> list[str]:
     """Names of the studies that ship."""
     return sorted(module.name for module in pkgutil.iter_modules(studies.__path__))
@@ -261,7 +203,7 @@ def cells(study: Study, families: Mapping[str, str]) -> list[Cell]:
         )
         for seed in range(study.seeds)
         for task in study.tasks
-        for method in _methods(study, task)
+        for method in methods_in(study, task)
     ]
 
 
@@ -284,7 +226,7 @@ def tasks_of(study: Study, variants: Sequence[str] = (), methods: Sequence[str] 
     return [
         replace(
             task,
-            methods=list(methods) or _methods(study, task),
+            methods=list(methods) or methods_in(study, task),
             method_settings=_over(study.settings, task.method_settings),
             gamma=study.gamma if task.gamma is None else task.gamma,
             evaluations=study.evaluations if task.evaluations is None else task.evaluations,
@@ -326,7 +268,8 @@ def _over(before: Mapping[str, Mapping[str, Any]], own: Mapping[str, Mapping[str
     return {**before, **{name: {**before.get(name, {}), **settings} for name, settings in own.items()}}
 
 
-def _methods(study: Study, task: Task) -> list[str]:
+def methods_in(study: Study, task: Task) -> list[str]:
+    """The methods of a study that run in one of its tasks, in the order of its tables."""
     return [name for name in study.all_methods if not task.methods or name in task.methods]
 
 
