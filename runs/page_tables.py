@@ -109,6 +109,18 @@ def changes(table: TaskTable) -> str:
     return markdown(head, rows, left=3)
 
 
+def nearly(tables: dict[str, TaskTable], least: float = 0.99) -> str:
+    """How many runs of each method are right in nearly all decisions on the views that they learned from."""
+
+    def share(table: TaskTable, method: str) -> str:
+        rates = [run.correct_policy_rate or 0 for run in table.records if run.method == method]
+        return f"{sum(rate >= least for rate in rates)} / {len(rates)}" if rates else "–"
+
+    methods = dict.fromkeys(row.method for table in tables.values() for row in table.rows)
+    rows = [[method, *(share(table, method) for table in tables.values())] for method in methods]
+    return markdown(["method", *tables], rows)
+
+
 def trees(tables: dict[str, TaskTable], variants: Sequence[str]) -> str:
     """Trees across the worlds of a study."""
     head = ["world", "method", "failed / runs", "correct policy", "phases", "leaves grown", "leaves", "depth"]
@@ -180,6 +192,7 @@ TABLES: dict[str, Callable[[], str]] = {
     ),
     "sizes": lambda: trees(_tables("gridworld"), ["distinct", "6x6", "10x10"]) + "\n\n" + origin("gridworld"),
     "studies": studies,
+    "cue-seeds": lambda: nearly(_tables("cue")) + "\n\n" + origin("cue"),
     "equation-8.1": lambda: (
         verdicts({**_tables("trees"), **_tables("large")}) + "\n\n" + origin("trees", "large")
     ),
