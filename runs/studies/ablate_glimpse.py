@@ -29,6 +29,6 @@ STUDY = Study(
     methods=[name for name in CUE.methods if name.startswith("SaliencyGlimpse")],
     variants=_CHANGES,
     seeds=10,
-    cpu_hours=2.5,
+    cpu_hours=3.5,
     reference="SaliencyGlimpse",
 )

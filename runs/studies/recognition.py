@@ -56,6 +56,6 @@ STUDY = Study(
     ],
     methods=[*_TREES, "WindowTree", *_NETWORKS, *_BOUNDS],
     seeds=10,
-    cpu_hours=1.5,
+    cpu_hours=1.8,
     evaluations=5,
 )

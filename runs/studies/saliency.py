@@ -44,6 +44,6 @@ STUDY = Study(
     methods=["RLVC", "RLVC-salient", "WindowTree", *_GLIMPSES],
     variants=[*_RLVC, *_FRAMES],
     seeds=10,
-    cpu_hours=3.5,
+    cpu_hours=4.0,
     reference="RLVC",
 )
