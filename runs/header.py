@@ -10,7 +10,7 @@ from runs.study import Study, methods_in
 
 @dataclass(frozen=True)
 class Header:
-    """What a report needs to know of a study beside its scores; lies beside the runs as JSON."""
+    """A study as its reports tell of it."""
 
     name: str
     title: str = ""
