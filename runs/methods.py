@@ -143,11 +143,6 @@ _ALL = (
     _saliency_glimpse("SaliencyGlimpse-fixed", "the same at fixed places", places="fixed"),
     _saliency_glimpse("SaliencyGlimpse-glance", "the glance alone", places="none"),
     _saliency_glimpse("SaliencyGlimpse-local", "the same, no peaks weighed against each other", candidates=1),
-    _saliency_glimpse("SaliencyGlimpse-one", "the same with one window", glimpses=1),
-    _saliency_glimpse(
-        "SaliencyGlimpse-one-detached", "one window, places get no gradient", glimpses=1, places="detached"
-    ),
-    _saliency_glimpse("SaliencyGlimpse-one-local", "one window, no peaks weighed", glimpses=1, candidates=1),
     _saliency_glimpse(
         "SaliencyGlimpse-halting", "as many glimpses as it finds worth", readout="halting", ponder=0.01
     ),

@@ -37,7 +37,7 @@ def cell(method: str, steps: int, env: str = GRID, **settings: Any) -> Cell:
 RUNS = {
     "PPO, glimpses": cell("GlimpsePPO-random", 512, n_epochs=2, n_steps=16),
     "PPO, the whole image": cell("NaturePPO", 384, n_epochs=1, n_steps=16),
-    "PPO, keys and saliency": cell("SaliencyGlimpse-one", 384, n_epochs=1, n_steps=16, glance=16),
+    "PPO, keys and saliency": cell("SaliencyGlimpse", 384, glimpses=1, n_epochs=1, n_steps=16, glance=16),
     "PPO on anybody's pixels": cell("NaturePPO", 384, "Corridor-v0", n_epochs=1, n_steps=16),
     "DQN": cell("NatureDQN", 320, learning_starts=64, buffer_size=160),
     "S-Tree with a history": cell("STree", 5000, history=1, radius=12, candidates=3, **QUICK),
