@@ -174,7 +174,9 @@ _ALL = (
     _control("ThumbnailTree", "baselines.coarse:ThumbnailTree", "tree over thresholds of an 8×8 thumbnail"),
     _control("CoarseRLVC", "baselines.coarse:CoarseRLVC", "RLVC on the image at half size"),
     _control(
-        "AssociativeQ", "attn_tree:AssociativeQ", "table over percepts, motor action and attention as one"
+        "AssociativeQ",
+        "attn_tree:AssociativeQ",
+        "table over motor action and attention as one, told the percept's number",
     ),
     _control(
         "TabularQ", "baselines.tabular:TabularQ", "table over the hidden state: told the answer", "state"

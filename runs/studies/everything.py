@@ -59,5 +59,5 @@ STUDY = Study(
     ],
     variants=_MEMORY,
     seeds=10,
-    cpu_hours=5.0,
+    cpu_hours=5.5,
 )
