@@ -13,6 +13,7 @@ from typing import Any
 
 from runs.experiments.experiment import Experiment, Line, Lines, Table, Unit, mean_interval, select
 from runs.experiments.growing import FOUR, GAMMA, SEEDS
+from runs.studies.cue import PATCHES as ANYWHERE
 
 CUE = "attn_tree/CueGridworld-v0"
 ENVS = 8  # the teacher's; students get more, since answering is a world of one step
@@ -24,15 +25,6 @@ WORLDS: Mapping[str, Mapping[str, Any]] = {
     "cue": {"task": CUE, "world": {}, "teacher": 15_360, "student": 16_384},
 }
 TEACHER: Mapping[str, Any] = {"glimpses": 1}  # of `SaliencyGlimpsePPO`
-# Patches matched wherever they are: the one question of ours that finds a symbol at a random place.
-ANYWHERE: Mapping[str, Any] = {
-    "questions": "match",
-    "tolerance": None,
-    "patch": 12,
-    "stride": 2,
-    "matches": 20,
-    "copies": 0,
-}
 ALONE: Mapping[str, Any] = {"gamma": GAMMA, "episodes_per_phase": 50}
 TAUGHT: Mapping[str, Any] = {"gamma": 0.0, "epsilon": 1.0, "episodes_per_phase": 1_024}
 

@@ -3,12 +3,13 @@
 The glimpse policy led by saliency and its ablations, one after another; networks that read the
 whole image, or a reduced one of about as many values; trees; bounds. Then what happens where the
 symbol does not catch the eye (`faint`), where something else does (`distractor`), and where the background
-is a collage of photographs (`clutter`). Glimpse policies have one window.
+is a collage of photographs (`clutter`). Glimpse policies have one window. The questions of
+`WindowTree-patches` name no place.
 """
 
 from typing import Any
 
-from runs.study import Study, Task
+from runs.study import Study, Task, Variant
 
 _CUE = "attn_tree/CueGridworld-v0"
 _STEPS = {"tree": 60_000, "network": 15_360, "control": 60_000, "Random": 2_048}
@@ -23,6 +24,15 @@ _GLIMPSES = [
 _SETTINGS: dict[str, dict[str, Any]] = {
     "tree": {"episodes_per_phase": 50},
     **{name: {"glimpses": 1} for name in _GLIMPSES},
+}
+# Patches matched wherever they are: the one question of our trees that finds a symbol at a random place.
+PATCHES: dict[str, Any] = {
+    "questions": "match",
+    "tolerance": None,
+    "patch": 12,
+    "stride": 2,
+    "matches": 20,
+    "copies": 0,
 }
 _HARDER: dict[str, tuple[dict[str, Any], str, list[str]]] = {
     "distractor": (
@@ -54,7 +64,7 @@ STUDY = Study(
                 _STEPS,
                 settings,
                 note=note,
-                methods=[*(f"SaliencyGlimpse{each}" for each in kept), "NaturePPO-48"],
+                methods=[*(f"SaliencyGlimpse{each}" for each in kept), "NaturePPO-48", "WindowTree-patches"],
                 method_settings=_SETTINGS,
             )
             for variant, (settings, note, kept) in _HARDER.items()
@@ -71,8 +81,11 @@ STUDY = Study(
         "TabularQ",
         "Random",
     ],
+    variants=[
+        Variant("WindowTree", "patches", PATCHES, "a tree over patches, matched anywhere in the image")
+    ],
     seeds=10,
-    cpu_hours=4.0,
+    cpu_hours=5.2,
     evaluations=10,
     reference="SaliencyGlimpse",
 )

@@ -38,7 +38,9 @@ STUDY = Study(
             for task in tasks_of(GRIDWORLD, ["distinct", "five-views"], _IMAGES)
             if task.env == "attn_tree/VisualGridworld-4x4-v0"
         ),
-        *tasks_of(CUE, ["salient"], [name for name in _IMAGES if name in CUE.methods]),
+        *tasks_of(
+            CUE, ["salient"], [*(name for name in _IMAGES if name in CUE.methods), "WindowTree-patches"]
+        ),
         *tasks_of(STREE, ["hidden"], _HIDDEN),
         *tasks_of(NAVIGATION),
         *tasks_of(RECOGNITION),
@@ -57,7 +59,7 @@ STUDY = Study(
         "ThumbnailNearest",
         *_BOUNDS,
     ],
-    variants=_MEMORY,
+    variants=[*CUE.variants, *_MEMORY],
     seeds=10,
-    cpu_hours=5.5,
+    cpu_hours=5.8,
 )
