@@ -13,6 +13,7 @@ values, by bilinear samples so many pixels apart, where the paper bins; (3) plac
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 import torch
@@ -36,6 +37,8 @@ class RAM(nn.Module):
         spread: standard deviation of the places in training, in the units of `TensorRetina`.
         hidden: size of the state.
         seed: of the weights, and of what training draws.
+        places: "learned", or "random" as a control, uniform over the image; those of predictions are
+            the same at every call.
     """
 
     def __init__(
@@ -48,11 +51,15 @@ class RAM(nn.Module):
         spread: float = 0.2,
         hidden: int = 256,
         seed: int = 0,
+        places: Literal["learned", "random"] = "learned",
     ) -> None:
         super().__init__()
+        if places not in ("learned", "random"):
+            raise ValueError(f"places are 'learned' or 'random', not {places!r}")
         if glimpses < 1 or patch < 1 or not scales or min(scales) < 1 or spread <= 0:
             raise ValueError("glimpses, patch and scales are at least 1 and spread above 0")
         self.glimpses, self.patch, self.scales, self.spread = glimpses, patch, tuple(scales), spread
+        self.places = places
         self._draws = torch.Generator().manual_seed(seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -77,15 +84,17 @@ class RAM(nn.Module):
             Logits of the classes `(B, classes)`, log-probabilities of the places drawn `(B, K - 1)`,
             baselines of the reward `(B, K - 1)`, and places `(B, K, 2)`, K the glimpses.
         """
-        retina = TensorRetina(images)
+        retina, draws = TensorRetina(images), self._draws if explore else torch.Generator().manual_seed(0)
         place = images.new_zeros(len(images), 2)
         state = images.new_zeros(len(images), self.remember.in_features)
         places, chances, baselines = [], [], []
         for k in range(self.glimpses):
-            if k:
+            if k and self.places == "random":
+                place = 2 * torch.rand(place.shape, generator=draws) - 1
+            elif k:
                 mean = torch.tanh(self.locator(state.detach()))
                 baselines.append(self.baseline(state.detach())[:, 0])
-                noise = torch.randn(mean.shape, generator=self._draws) * self.spread * explore
+                noise = torch.randn(mean.shape, generator=draws) * self.spread * explore
                 drawn = (mean + noise).detach()
                 chances.append(-((drawn - mean) ** 2).sum(dim=1) / (2 * self.spread**2))
                 place = drawn.clamp(-1, 1)
