@@ -1,7 +1,8 @@
 """The tables of pages that are made from the committed scores of studies, under the names pages know them by.
 
-`STUDY/VARIANT` is what every method earned and what its decisions cost in that task of a study,
-`STUDY/VARIANT/changes` what each change did to its base, seed by seed; `TABLES` holds all others.
+`STUDY/overview` has a column for each task of a study, `STUDY/VARIANT` is what every method earned and what
+its decisions cost in that task, `STUDY/VARIANT/changes` what each change did to its base, seed by seed;
+`TABLES` holds all others.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from runs.ablations import effects
 from runs.compare import RESULTS
 from runs.methods import FAMILIES
 from runs.report import collect
+from runs.report_overall import methods_of
 from runs.study import cells, load_study, study_names
 from runs.tables import Row, TaskTable, task_tables
 from runs.wording import duration, effect, estimate, markdown_cell, number
@@ -66,7 +68,9 @@ def comparison(table: TaskTable) -> str:
         "failed / runs",
         "correct policy, seen views",
         "correct policy, held-out views",
+        "return, seen views",
         "leaves, depth",
+        "questions or glimpses",
         "pixels / image",
         "operations",
         "ms, cold",
@@ -80,7 +84,9 @@ def comparison(table: TaskTable) -> str:
                 _failed(row),
                 estimate(row.correct),
                 estimate(row.correct_heldout),
+                estimate(row.return_mean),
                 "–" if row.leaves is None else f"{number(row.leaves)}, {number(row.depth)}",
+                number(row.questions),
                 number(row.pixel_fraction),
                 number(row.operations),
                 number(row.milliseconds),
@@ -107,6 +113,25 @@ def changes(table: TaskTable) -> str:
         for each in effects(table)
     ]
     return markdown(head, rows, left=3)
+
+
+def overview(tables: dict[str, TaskTable]) -> str:
+    """Of every method in every task: correct decisions on held-out views, or on those seen in italics where
+    there are no others; the return on views that were seen; the share of the pixels that a decision took."""
+
+    def cell(row: Row | None) -> str:
+        if row is None:
+            return "–"
+        shown = f"*{estimate(row.correct)}*" if row.correct_heldout is None else estimate(row.correct_heldout)
+        earned = "–" if row.return_mean is None else number(row.return_mean.value)
+        return f"{shown}<br>return {earned}<br>{number(row.pixel_fraction)} px"
+
+    found = {name: {row.method: row for row in table.rows} for name, table in tables.items()}
+    rows = [
+        [method, *(cell(rows.get(method)) for rows in found.values())]
+        for method in methods_of(list(tables.values()))
+    ]
+    return markdown(["method", *found], rows)
 
 
 def nearly(tables: dict[str, TaskTable], least: float = 0.99) -> str:
@@ -210,6 +235,8 @@ def table(name: str) -> str:
         return TABLES[cli.known("table", name, list(TABLES))]()
     variant, _, kind = rest.partition("/")
     found = _tables(cli.known("study", study, study_names()))
+    if rest == "overview":
+        return overview(found) + "\n\n" + origin(study)
     task = found[cli.known(f"task of {study}", variant, list(found))]
     if kind:
         cli.known("kind of table", kind, ["changes"])

@@ -64,7 +64,7 @@ class Record:
     tree_depth_grown: float | None = None  # before pruning
     tree_leaves_grown: int | None = None
     leaves_unsplittable: int | None = None  # grown leaves that confuse percepts no question separates
-    questions_per_decision: float | None = None
+    questions_per_decision: float | None = None  # glimpses of a network
     sri: float | None = None
     leaf_entropy: float | None = None
     pixels_selection: float | None = None

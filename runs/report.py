@@ -130,7 +130,7 @@ def terminal_table(source: Path) -> str:
     for table in found.tables:
         lines.append(f"\n{table.title} (optimal return {number(table.optimal)}; IQM over seeds)")
         heads = ["method", "runs", "failed", "return", "correct", "held out", "leaves", "depth"]
-        heads += ["pixels", "ms", "train s"]
+        heads += ["looks", "pixels", "ms", "train s"]
         body = [_terminal_row(row) for row in table.rows]
         widths = [max(map(len, column)) for column in zip(heads, *body, strict=True)]
         for cells in [heads, *body]:
@@ -149,7 +149,8 @@ def _terminal_row(row: Row) -> list[str]:
         str(row.runs),
         "–" if row.failed is None else str(row.failed),
         *(number(e.value if e is not None else None) for e in figures_),
-        *(number(v) for v in (row.leaves, row.depth, row.pixel_fraction, row.milliseconds, row.train_cpu_s)),
+        *(number(v) for v in (row.leaves, row.depth, row.questions)),
+        *(number(v) for v in (row.pixel_fraction, row.milliseconds, row.train_cpu_s)),
     ]
 
 

@@ -172,6 +172,8 @@ def measure(cells: Sequence[Cell], folders: Sequence[Path]) -> None:
         run.image_pixels, run.operations, run.macs = cost.image_pixels, cost.operations, cost.macs
         if run.tree_leaves is not None:
             run.questions_per_decision = cost.operations.get("questions", 0.0)
+        else:
+            run.questions_per_decision = cost.operations.get("glimpses")
         run.decision_ms_p50, run.decision_ms_p95 = np.quantile(times[cell.method], [0.5, 0.95]).tolist()
         write_summary(folder, run, {**cell.env_settings, **_method_settings(cell, METHODS[cell.registered])})
         record.write(run, folder / RESULT)

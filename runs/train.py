@@ -82,6 +82,9 @@ def summary(run: record.Record) -> str:
         "decision, ms": _number(run.decision_ms_p50),
         "training, CPU s": _number(run.train_cpu_s),
     }
+    if run.questions_per_decision is not None:
+        asked = "glimpses" if run.tree_leaves is None else "questions"
+        figures[f"{asked} of a decision"] = _number(run.questions_per_decision)
     if run.tree_leaves is not None:
         figures["tree leaves, depth"] = f"{run.tree_leaves}, {_number(run.tree_depth)}"
     width = max(map(len, figures))

@@ -62,6 +62,7 @@ def test_halting_is_a_loop_over_images_and_unread_windows_are_not_counted(eagern
         assert float(expected[i]) == pytest.approx(glimpses, abs=1e-4)
         assert int(counts[i]) == k
         assert cost.ledgers[i].values("recognition") == 144 * k
+        assert cost.ledgers[i].operations["glimpses"] == k
 
 
 def test_cost_is_added_to_the_gradient_of_any_loss() -> None:

@@ -89,6 +89,7 @@ def test_meter_is_a_count_by_hand(places: str, scales: tuple[int, ...]) -> None:
     assert len(cost.ledgers) == 3
     assert [ledger.values("selection") for ledger in cost.ledgers] == [16 * 16] * 3
     assert [ledger.values("recognition") for ledger in cost.ledgers] == [windows * 16 * 16] * 3
+    assert cost.operations["glimpses"] == (0 if places == "none" else 3 * 2)  # a place in two scales is one
     mapped = cost.operations["filter_taps"] > 0
     assert mapped == (places in ("learned", "detached", "salient"))
 

@@ -39,6 +39,11 @@ class TensorRetina:
     def __len__(self) -> int:
         return self._images.shape[0]
 
+    def fixate(self) -> None:
+        """Count a glimpse: the windows read until the next one, in however many scales, are of one place."""
+        for ledger in self.ledgers:
+            ledger.operations.update(glimpses=1)
+
     def whole(self, stage: Stage = "recognition") -> torch.Tensor:
         """The whole images, `(B, C, H, W)`."""
         for ledger in self.ledgers:

@@ -115,6 +115,7 @@ class GlimpseExtractor(BaseFeaturesExtractor):
         visited = []
         for k in range(self.glimpses):
             place = self._locate(state) if given is None else given[:, k]
+            retina.fixate()
             seen = self.see_patch(retina.window(place, self.patch) - 0.5)
             state = self.state(torch.relu(seen + self.see_place(place)), state)
             visited.append(place.detach())

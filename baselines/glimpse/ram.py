@@ -98,6 +98,7 @@ class RAM(nn.Module):
                 drawn = (mean + noise).detach()
                 chances.append(-((drawn - mean) ** 2).sum(dim=1) / (2 * self.spread**2))
                 place = drawn.clamp(-1, 1)
+            retina.fixate()
             windows = [self._window(retina, place, scale) for scale in self.scales]
             seen = torch.cat(windows, dim=1).flatten(1)
             glimpse = torch.relu(self.what(self.see_patch(seen)) + self.where(self.see_place(place)))

@@ -231,6 +231,7 @@ class SaliencyGlimpseExtractor(BaseFeaturesExtractor):
 
     def look_again(self, look: Look) -> None:
         """Choose the place of the next window, read it, and take it in."""
+        look.eye.fixate()
         if self.map is None:
             assert look.given is not None
             place = look.given[:, len(look.places)]
