@@ -126,12 +126,11 @@ def overview(tables: dict[str, TaskTable]) -> str:
         earned = "–" if row.return_mean is None else number(row.return_mean.value)
         return f"{shown}<br>return {earned}<br>{number(row.pixel_fraction)} px"
 
-    found = {name: {row.method: row for row in table.rows} for name, table in tables.items()}
+    found = [{row.method: row for row in table.rows} for table in tables.values()]
     rows = [
-        [method, *(cell(rows.get(method)) for rows in found.values())]
-        for method in methods_of(list(tables.values()))
+        [method, *(cell(rows.get(method)) for rows in found)] for method in methods_of(list(tables.values()))
     ]
-    return markdown(["method", *found], rows)
+    return markdown(["method", *(table.title for table in tables.values())], rows)
 
 
 def nearly(tables: dict[str, TaskTable], least: float = 0.99) -> str:

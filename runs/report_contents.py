@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,6 +46,18 @@ class Contents:
     def trees(self, title: str) -> list[Picture]:
         """Trees of a task."""
         return [each for each in self.drawings.get(title, []) if each.what == "tree"]
+
+    @property
+    def taken_over(self) -> str:
+        """Which runs other studies made, in one sentence; nothing if none."""
+        studies = Counter(run.taken_from for run in self.records if run.taken_from is not None)
+        if not studies:
+            return ""
+        listed = ", ".join(f"{n} runs of {name}" for name, n in studies.items())
+        return (
+            f"Taken over from other studies: {listed}. "
+            "Their milliseconds were measured there, not in turns with the others here."
+        )
 
     @property
     def undrawn(self) -> str:
