@@ -306,3 +306,10 @@ def test_a_browser_shows_the_page_without_errors_or_requests(tmp_path: Path) -> 
     assert console and all("control" in line for line in console)
     width = re.search(r"<title>width (\d+)</title>", done.stdout)
     assert width is not None and int(width[1]) <= 390
+
+
+def test_it_says_which_runs_another_study_made(tmp_path: Path) -> None:
+    runs = [run("STree", seed, taken_from="cue" if seed else None) for seed in range(3)]
+    written = report.write_report(folder_of(tmp_path, runs))
+    for path in written[:3]:
+        assert "Taken over from other studies: 2 runs of cue. Their milliseconds" in path.read_text()
