@@ -31,34 +31,49 @@ NODE = {
     "include_dashboard": False,
     "include_log_monitor": False,
 }
+TRIES = 5  # studies in which to meet a node at work
 AT_WORK = b"ray::_far"  # what the process of a worker is called while it has a job
 
 
 def node(trial: Trial) -> None:
-    """Kill one of two nodes at a random moment at which it has a job; the driver goes on by itself."""
-    out = trial.folder / "study"
+    """Kill one of two nodes at a random moment at which it has a job; the driver goes on by itself.
+
+    Where the study ended before, because Ray gave its last jobs to the other node, nothing was tried: it is
+    run again, with another moment.
+    """
+    for number in range(TRIES):
+        out = trial.folder / f"study-{number}"
+        with two_nodes() as (address, other), ray_backend.connected(address) as workers:
+            killed, said = _killed(trial, out, other, workers)
+        staged.same(out)
+        assert said.count("[") == staged.RUNS, "a run was counted twice"
+        if killed:
+            return
+    raise AssertionError(f"no node was killed: {TRIES} studies ended before")
+
+
+def _killed(trial: Trial, out: Path, other: Any, workers: int) -> tuple[bool, str]:
+    """Run the study while a node is to be killed: whether it was, and what was said on the way."""
     runs = int(trial.rng.integers(0, staged.SEEDS))  # of the first seeds, that are done by then
-    with two_nodes() as (address, other), ray_backend.connected(address) as workers:
-        ended, killed = threading.Event(), threading.Event()
+    wait = float(trial.rng.exponential(0.05))
+    ended, killed = threading.Event(), threading.Event()
 
-        def kill() -> None:
-            while not ended.is_set() and not (_results(out) >= runs * len(staged.ONLY) and busy(other)):
-                time.sleep(0.002)
-            time.sleep(float(trial.rng.exponential(0.05)))
-            if not ended.is_set():
-                kill_node(other)
-                killed.set()
+    def kill() -> None:
+        while not ended.is_set() and not (_results(out) >= runs * len(staged.ONLY) and busy(other)):
+            time.sleep(0.002)
+        time.sleep(wait)
+        if not ended.is_set():
+            kill_node(other)
+            killed.set()
 
-        killer = threading.Thread(target=kill)
-        killer.start()
-        try:
-            said = study(out, workers)
-        finally:
-            ended.set()
-            killer.join()
-    assert killed.is_set(), "no node was killed: the study ended before"
-    staged.same(out)
-    assert said.count("[") == staged.RUNS, "a run was counted twice"
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        said = study(out, workers)
+    finally:
+        ended.set()
+        killer.join()
+    return killed.is_set(), said
 
 
 def study(out: Path, workers: int) -> str:
