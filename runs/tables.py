@@ -193,11 +193,11 @@ def _row(name: str, note: str, runs: Sequence[Record], reference: Sequence[Recor
 
 
 def _operations(runs: Sequence[Record]) -> float | None:
-    """Arithmetic of a decision: MACs where they were counted, else all operations but looks."""
+    """Arithmetic of a decision: MACs where they were counted, else all operations but questions."""
     totals = [
         run.macs
         if run.macs is not None
-        else sum(n for name, n in run.operations.items() if name not in ("questions", "glimpses"))
+        else sum(n for name, n in run.operations.items() if name != "questions")
         for run in runs
     ]
     return float(np.mean(totals)) if any(totals) else None

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 
 from attn_tree.vision.retina import meter
+from baselines.glimpse.ram import RAM
 from baselines.glimpse.ram_learner import TaughtRAM
 from envs.sb3 import make_vec
 from runs.evaluation import scores
@@ -36,3 +38,17 @@ def test_a_world_of_many_steps_is_refused() -> None:
     env = make_vec("attn_tree/VisualGridworld-4x4-v0", 1, seed=0, obs="index", image_size=32)
     with pytest.raises(ValueError, match="a world of one step"):
         TaughtRAM(env)
+
+
+def test_random_places_are_not_learned_and_repeat_in_predictions() -> None:
+    images, labels = (
+        np.random.default_rng(0).integers(0, 256, (32, 16, 16), dtype=np.uint8),
+        np.arange(32) % 2,
+    )
+    model = RAM(2, glimpses=3, patch=4, scales=(1,), hidden=32, places="random")
+    before = model.locator.weight.detach().clone()
+    model.fit(lambda _: (images, labels), 3)
+    assert (model.locator.weight == before).all()
+    assert (model.predict(images) == model.predict(images)).all()
+    places = model(torch.zeros(64, 1, 16, 16), explore=True)[3][:, 1:]
+    assert places.std() > 0.4 and places.abs().max() <= 1

@@ -82,7 +82,8 @@ class RAM(nn.Module):
 
         Returns:
             Logits of the classes `(B, classes)`, log-probabilities of the places drawn `(B, K - 1)`,
-            baselines of the reward `(B, K - 1)`, and places `(B, K, 2)`, K the glimpses.
+            baselines of the reward `(B, K - 1)`, and places `(B, K, 2)`, K the glimpses; at random places
+            there are neither probabilities nor baselines, `(B, 0)`.
         """
         retina, draws = TensorRetina(images), self._draws if explore else torch.Generator().manual_seed(0)
         place = images.new_zeros(len(images), 2)
